@@ -91,7 +91,7 @@ def main() -> None:
         "axial": -100 * float(slope) / HALF,
         "lateral": 100 * float(wider),
     }
-    print(f"{len(fit.discs)} lamps of {len(discs)} found; left of their light {fit.left:.4f}")
+    print(f"{len(fit.discs)} lamps of {len(discs)} found; left of their light {fit.residual:.4f}")
     print("parameter | truth | found | deviation | error, % of range\n---|---|---|---|---")
     print(f"blades | {options.blades} | {fit.look.blades} | |")
     period = 360 / options.blades

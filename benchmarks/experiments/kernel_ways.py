@@ -199,11 +199,11 @@ def _halide(folder: Path) -> tuple[Spread, list[Path]]:
     start, end = hl.ImageParam(hl.Int(32), 2, "start"), hl.ImageParam(hl.Int(32), 2, "end")
     along, places = hl.ImageParam(hl.Float(64), 2, "along"), hl.ImageParam(hl.Int(16), 2, "places")
     weights = hl.ImageParam(hl.Float(64), 2, "weights")
-    most = hl.Param(hl.Int(32), "most")
+    max_length = hl.Param(hl.Int(32), "max_length")
     c, x, y = hl.Var("c"), hl.Var("x"), hl.Var("y")
     sums = hl.Func("sums")
     sums[c, x, y] = hl.f64(0)
-    r = hl.RDom([(0, 4), (0, most), (0, start.dim(0).extent()), (0, start.dim(1).extent())])
+    r = hl.RDom([(0, 4), (0, max_length), (0, start.dim(0).extent()), (0, start.dim(1).extent())])
     q, n, px, py = r[0], r[1], r[2], r[3]
     r.where(n < end[px, py] - start[px, py])
     i = hl.unsafe_promise_clamped(start[px, py] + n, 0, places.dim(1).extent() - 1)
@@ -219,7 +219,7 @@ def _halide(folder: Path) -> tuple[Spread, list[Path]]:
     sums.bound(c, 0, 4).vectorize(c, 4)
     sums.update(0).reorder(c, q, n, px, py).vectorize(c, 4).unroll(q)
     target = hl.get_host_target()
-    inputs = [values, start, end, along, places, weights, most]
+    inputs = [values, start, end, along, places, weights, max_length]
     sums.compile_to_static_library(str(folder / "halide_kernel"), inputs, "spread", target)
     sums.compile_jit(target)
     library = folder / "halide_kernel.so"
@@ -232,7 +232,7 @@ def _halide(folder: Path) -> tuple[Spread, list[Path]]:
         buffers = [hl.Buffer(array) for array in arrays]
         for parameter, buffer in zip(inputs, buffers[:-1], strict=False):
             parameter.set(buffer)
-        most.set(int((arrays[2] - arrays[1]).max()))
+        max_length.set(int((arrays[2] - arrays[1]).max()))
         sums.realize(buffers[-1])
 
     return run, [library]

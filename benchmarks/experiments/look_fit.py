@@ -127,7 +127,7 @@ def main() -> None:
                 print(
                     seed,
                     len(discs),
-                    f"{fit.left:.4f}",
+                    f"{fit.residual:.4f}",
                     {n: round(e, 3) for n, e in look_errors.items()},
                     flush=True,
                 )

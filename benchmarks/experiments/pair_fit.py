@@ -46,7 +46,7 @@ def main() -> None:
                 f"{description['scene']} | {number} | {shot['blades']} | {fit.look.blades} | "
                 f"{100 * (fit.blur / blur - 1):.1f} | "
                 f"{100 * (fit.focus - 1 / focus) / disparity_range:.2f} | "
-                f"{fit.look.spherical_profile:.2f} | {fit.look.cats_eye:.2f} | {fit.left:.4f}",
+                f"{fit.look.spherical_profile:.2f} | {fit.look.cats_eye:.2f} | {fit.residual:.4f}",
                 flush=True,
             )
 

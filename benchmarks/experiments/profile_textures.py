@@ -29,7 +29,7 @@ def main() -> None:
         lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)
         for kind in compare_profiles(lens, rays=options.rays)[1]:
             errors = " | ".join(f"{error:.4f}" for error in kind.errors)
-            row = f"{kind.name} | {kind.bytes} | {kind.made:.2f} | {1000 * kind.blur:.0f}"
+            row = f"{kind.name} | {kind.bytes} | {kind.build_seconds:.2f} | {1000 * kind.blur_seconds:.0f}"
             print(f"| {name} | {row} | {errors} |", flush=True)
 
 

@@ -107,7 +107,7 @@ def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, f
     for name, options in _HYBRIDS.items():
 
         def hybrid(frames: int = 8, options: dict = options) -> SelectiveResult:
-            arguments = options | {"frames": frames, "most": 8, "budget": _BUDGET}
+            arguments = options | {"frames": frames, "max_rays": 8, "budget": _BUDGET}
             if options["mask"] == "expected":
                 arguments |= _on_rays(engine, image.astype(np.float32), defocus)
             return selective_rays(image, depth, normals, trace_rays, lens, config.pixel_pitch, **arguments)

@@ -29,7 +29,7 @@ def focus_shift(
     squares.
 
     Args:
-        surfaces: Surfaces of the lens, with the iris as it is set.
+        surfaces: Surfaces of the lens, with the iris as set.
         entrance: Entrance pupil.
         focus_distance: Distance from the entrance pupil to the point, mm; may be infinite.
         gaussian_focus: Position of its Gaussian image, mm behind the first surface.

@@ -132,7 +132,7 @@ class SurfaceRow:
         if max(map(abs, self.tilt)) >= _MAX_TILT_DEGREES:
             return f"tilt: expected less than {_MAX_TILT_DEGREES:g} degrees, got {list(self.tilt)}"
         if self.stop and self.mirror:
-            return "mirror: expected a stop of its own beside the mirror, got both in one"
+            return "mirror: expected separate rows for stop and mirror, got both in one"
         if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
             return f"abbe: expected [nd above 1, Vd above 0], got {list(self.abbe)}"
         try:

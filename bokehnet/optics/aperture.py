@@ -21,7 +21,15 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import register_jitable
 
-from bokehnet.checks import array_of_numbers, check_number, check_range, check_rank, check_whole, number_of
+from bokehnet.checks import (
+    Array,
+    array_of_numbers,
+    check_number,
+    check_range,
+    check_rank,
+    check_whole,
+    number_of,
+)
 from bokehnet.errors import ParameterError
 from bokehnet.optics.disc_texture import disc_grain, onion_rings
 from bokehnet.optics.sampling import disc_from_square
@@ -114,7 +122,7 @@ class Aperture:
         if self.picture is not None and not _density(self).any():
             raise ParameterError(
                 "picture",
-                "light inside the opening",
+                "light inside the aperture",
                 shown="none",
                 remedy="its longer side spans the pupil's diameter, and `blades` and `obstruction` cut it",
             )
@@ -213,7 +221,7 @@ def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarra
 
 
 @register_jitable
-def cats_eye_shift(cats_eye, x, y, width, height):  # type: ignore[no-untyped-def]
+def cats_eye_shift(cats_eye: float, x: Array, y: Array, width: float, height: float) -> tuple[Array, Array]:
     """Return the centre (u, v), pupil radii, of the second disc that clips the aperture at a pixel.
 
     A ray with aperture coordinate a passes if ``|a - shift| <= 1``. The second disc is the rim of the
@@ -234,7 +242,7 @@ def cats_eye_shift(cats_eye, x, y, width, height):  # type: ignore[no-untyped-de
         height: Height of the full-size picture, pixels.
 
     Source:
-        Kingslake, "Optics in photography", SPIE 1992, on mechanical vignetting; the signs are ours.
+        Kingslake, "Optics in photography", SPIE 1992, on mechanical vignetting; the signs are our own.
     """
     scale = 2.0 * cats_eye / (width * width + height * height) ** 0.5
     return scale * (x - 0.5 * (width - 1)), scale * (y - 0.5 * (height - 1))

@@ -168,7 +168,7 @@ def white_noise(
 
 
 @njit(cache=True)
-def _mix(z):  # type: ignore[no-untyped-def]
+def _mix(z: np.uint64) -> np.uint64:
     """Return a 64-bit hash by Steele, Lea and Flood, "Fast splittable random numbers", 2014."""
     z += np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ z >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
@@ -177,7 +177,9 @@ def _mix(z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _fill(left, top, seed, frame, channel, result):  # type: ignore[no-untyped-def]
+def _fill(
+    left: int, top: int, seed: np.uint64, frame: np.uint64, channel: np.uint64, result: np.ndarray
+) -> None:
     """Fill ``result`` with normal noise by Box and Muller.
 
     Source:

@@ -16,7 +16,7 @@ from bokehnet.io.window import Window
 from bokehnet.lenses.aberrations.aberration_cache import cached_aberration_map
 from bokehnet.lenses.aberrations.aberration_table import parse_aberration_table
 from bokehnet.lenses.aberrations.relative_illumination import relative_illumination
-from bokehnet.lenses.assembly.misalignment import focus_lean
+from bokehnet.lenses.assembly.misalignment import focus_tilt
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
@@ -322,7 +322,7 @@ def copy_tilt_gradient(settings: LensSettings, focused: FocusedLens, window: Win
         True
     """
     glass = lens_of_picture(settings, focused, window)
-    return (0.0, 0.0) if glass is None else focus_lean(glass[0])
+    return (0.0, 0.0) if glass is None else focus_tilt(glass[0])
 
 
 def lens_of_picture(

@@ -56,7 +56,7 @@ class ApertureSettings(Group):
     )
     squeeze: float = setting(
         1.0,
-        "Aspect ratio (width over height) of the blur disc, 0.1 to 10. Below 1: upright ovals, as of "
+        "Aspect ratio (width over height) of the blur disc, 0.1 to 10. Below 1: upright ovals, as from "
         "anamorphic "
         "lenses.",
         low=0.1,
@@ -86,7 +86,7 @@ class ApertureSettings(Group):
     )
     onion: float = setting(
         0.0,
-        "Onion rings inside discs, as of moulded aspherical lenses, 0 (none) to 1 (strongest).",
+        "Onion rings inside discs, as from moulded aspherical lenses, 0 (none) to 1 (strongest).",
         low=0,
         high=1,
     )
@@ -95,7 +95,7 @@ class ApertureSettings(Group):
     )
     grain: float = setting(
         0.0,
-        "Texture inside discs, as of dust and uneven coating, 0 (none) to 1 (strongest).",
+        "Texture inside discs, as from dust and uneven coating, 0 (none) to 1 (strongest).",
         flag="disc-grain",
         low=0,
         high=1,
@@ -248,7 +248,7 @@ class ColorSettings(Group):
         0.0,
         "Axial chromatic aberration: difference in blur between violet and red, percent of half the "
         "diagonal. "
-        "Positive, as of a simple lens: red rims in front of focus, blue rims behind it.",
+        "Positive, as in a simple lens: red rims in front of focus, blue rims behind it.",
         flag="axial-fringe",
         metavar="PERCENT",
         unit="percent",
@@ -428,7 +428,7 @@ class EffectSettings(Group):
     grain_size: float | None = setting(
         None, "With --grain: grain size in pixels, 0 to 50. Default: 1.", unit="pixels", low=0, high=50
     )
-    grain_mono: bool = setting(False, "With --grain: monochrome grain, as of film.")
+    grain_mono: bool = setting(False, "With --grain: monochrome grain, as in film.")
     grain_seed: int | None = setting(None, "With --grain: random seed. Default: 0.", low=0)
 
     def check(self) -> None:

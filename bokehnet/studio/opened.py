@@ -41,7 +41,7 @@ _MAX_CACHED_VIEWS = 6
 MAX_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
 
 _FLAT_DISPARITY = 0.5  # relative disparity of a picture without depth
-_DEFAULT_BLUR = 0.04  # relative to the width, as of a fast lens
+_DEFAULT_BLUR = 0.04  # relative to the width, as for a fast lens
 _DEFAULT_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
 
 

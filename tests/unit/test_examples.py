@@ -50,7 +50,7 @@ def test_rays_of_the_example_meet_what_the_scene_file_places():
     example = runpy.run_path(str(ROOT / "examples/selective_rays.py"))
     job = read_scene(ROOT / "configs/scene_balls.toml", {"camera.shutter": 0.0})
     way = np.array([[110, 100, 650.0], [0, -2000, 1.0]]) / np.array([[650.0], [1.0]])
-    color, depth, hit = example["answers"](job)(np.zeros((2, 3)), way)
+    color, depth, hit = example["make_ray_tracer"](job)(np.zeros((2, 3)), way)
     distance = np.linalg.norm([110, 100, 650]) - 40
     assert depth[0] == pytest.approx(distance * 650 / np.linalg.norm([110, 100, 650]), rel=1e-4)
     assert hit.tolist() == [True, False]

@@ -224,7 +224,7 @@ def selective_rays(
         ShapeError: The sizes differ.
     """
     check_choice("rule", rule, RULES)
-    check_whole("most", max_rays, 1)
+    check_whole("max_rays", max_rays, 1)
     check_whole("frames", frames, 1)
     if budget is not None:
         check_above("budget", budget, 0)

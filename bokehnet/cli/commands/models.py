@@ -97,7 +97,7 @@ def _state(model: "DepthModel") -> str:
     if model.refusal:
         return "not pinned"
     try:
-        return "here" if cached_file(model) else "to download"
+        return "downloaded" if cached_file(model) else "to download"
     except MissingExtraError:
         return "to download"
     except ModelFileError:

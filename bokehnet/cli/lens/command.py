@@ -135,7 +135,7 @@ def import_file(
     glass = sum(row.medium() is not None for row in imported.prescription.surfaces)
     typer.echo(imported.prescription.name)
     typer.echo(f"  {loaded.focal_length:.6g} mm f/{loaded.min_f_number:.4g}, {glass} glass elements")
-    for sentence in imported.said:
+    for sentence in imported.notes:
         typer.echo(f"  {sentence}")
     if imported.skipped:
         ignored = ", ".join(f"{key} ({count})" for key, count in sorted(imported.skipped.items()))

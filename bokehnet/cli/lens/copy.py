@@ -41,7 +41,7 @@ def copy(
     """Misalign the elements of a lens, as in manufactured copies, and print the effects."""
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.lenses.assembly.misalignment import misalignment
-    from bokehnet.lenses.assembly.tolerances import Tolerances, assembled
+    from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy
     from bokehnet.lenses.catalog import load_lens
     from bokehnet.lenses.prescription_toml import prescription_toml
 
@@ -61,7 +61,7 @@ def copy(
     rows = [_row("design", design, misalignment(design))]
     copied = None
     for number in range(seed, seed + copies):
-        copied = _with_iris_of(design, assembled(design.prescription, limits, number))
+        copied = _with_iris_of(design, assemble_copy(design.prescription, limits, number))
         rows.append(_row(f"copy {number}", copied, misalignment(copied)))
     if output is not None and copied is not None:
         write_text(output, prescription_toml(copied.prescription), error=ConfigError)
@@ -93,17 +93,17 @@ def _with_iris_of(design: Any, prescription: Any) -> Any:
     return PrescriptionLens(prescription=prescription, f_number=stopped, focus_distance=design.focus_distance)
 
 
-def _row(label: str, lens: Any, found: Any) -> dict[str, Any]:
+def _row(label: str, lens: Any, errors: Any) -> dict[str, Any]:
     """Return the image errors of a copy, mm; ``image_lean`` is the tilt of its image plane, degrees."""
     cone = 2 * lens.working_f_number
     return {
         "lens": label,
         "focal_length": lens.focal_length,
-        "moved": list(found.moved),
-        "image_lean": [math.degrees(math.atan(cone * part)) for part in found.lean],
-        "coma": list(found.coma),
-        "spot": found.spot,
-        "spots": list(found.spots),
+        "moved": list(errors.image_shift),
+        "image_lean": [math.degrees(math.atan(cone * part)) for part in errors.focus_tilt],
+        "coma": list(errors.coma),
+        "spot": errors.spot,
+        "spots": list(errors.spots),
     }
 
 

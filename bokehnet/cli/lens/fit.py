@@ -66,11 +66,11 @@ def fit(
     lines = "".join(f"{name} = {value}\n" for name, value in rows.items())
     write_text(output, f'description = "Fitted to the lights of a photo"\n{lines}', error=ConfigError)
     if residual is not None:
-        difference = np.clip(4 * np.abs(image - fitted.drawn), 0, 1)
-        write_image(residual, np.hstack([image, fitted.drawn, difference]))
+        difference = np.clip(4 * np.abs(image - fitted.rendered), 0, 1)
+        write_image(residual, np.hstack([image, fitted.rendered, difference]))
     _print_values(rows, fitted.deviation)
-    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(fitted.others.items()))
-    typer.echo(f"  {len(fitted.discs)} discs; residual light {fitted.left:.4f}; by blades {others}")
+    others = ", ".join(f"{count}: {value:.4f}" for count, value in sorted(fitted.residual_by_blades.items()))
+    typer.echo(f"  {len(fitted.discs)} discs; residual light {fitted.residual:.4f}; by blades {others}")
 
 
 def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual: Path | None) -> None:
@@ -100,7 +100,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
         difference = np.clip(4 * np.abs(reduced - fitted.rendered), 0, 1) * fitted.mask[..., None]
         write_image(residual, np.hstack([reduced, fitted.rendered, difference]).astype(np.float32))
     _print_values({"blur": fitted.blur, "focus": fitted.focus} | rows, fitted.deviation)
-    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(fitted.residuals.items()))
+    others = ", ".join(f"{count}: {value:.4f}" for count, value in sorted(fitted.residuals.items()))
     typer.echo(f"  residual of square roots of light {fitted.residual:.4f}; by blades {others}")
 
 

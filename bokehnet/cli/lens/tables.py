@@ -134,7 +134,7 @@ def transfer(
     typer.echo("  field       rms, µm   largest, µm   rays that differ")
     for row in rows:
         zone = f"{row.zone[0]:.1f} to {row.zone[1]:.1f}"
-        typer.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.differ:17.2g} %")
+        typer.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.disagreement:17.2g} %")
 
 
 def profile(
@@ -175,7 +175,7 @@ def profile(
     for kind in kinds:
         near, half, far = kind.errors
         typer.echo(
-            f"  {kind.name:<16}{kind.bytes:8d}{kind.made:12.2f}{1000 * kind.blur:15.0f}"
+            f"  {kind.name:<16}{kind.bytes:8d}{kind.build_seconds:12.2f}{1000 * kind.blur_seconds:15.0f}"
             f"{near:19.4f}{half:8.4f}{far:8.4f}"
         )
 

@@ -107,7 +107,7 @@ def fit_aberration_map(
     Args:
         lens: Lens to fit; its ``pupil_sampling`` is ignored. For a copy with decentred elements
             the map is that of the centred lens, since these invariants cannot describe more;
-            :func:`bokehnet.lenses.assembly.misalignment.focus_lean` returns the tilt of its plane of focus.
+            :func:`bokehnet.lenses.assembly.misalignment.focus_tilt` returns the tilt of its plane of focus.
         half_diagonal: Half-diagonal of the picture, mm on the sensor; None is the image radius of the lens.
         distortion: Keep the distortion of the picture and of its pupils in the map.
         wavelengths: Wavelengths in addition to the design wavelength, nm. Empty for no dispersion.
@@ -228,10 +228,10 @@ def _prepare(
     if distortion:
         return frame, rays, field, aim
     places = np.stack([np.linspace(0.02, max_field, 64), np.zeros(64)], -1)
-    error, coordinates = frame.aberrations(chief_rays(lens, radius * places), places)
+    offset, coordinates = frame.aberrations(chief_rays(lens, radius * places), places)
     powers = places[:, :1] ** (2 * np.arange(_POWERS) + 1)
     chief_position, chief_entry = (
-        np.linalg.lstsq(powers, values[:, 0], rcond=None)[0] for values in (places - error, coordinates)
+        np.linalg.lstsq(powers, values[:, 0], rcond=None)[0] for values in (places - offset, coordinates)
     )
     along = np.polynomial.polynomial.polyval(places[:, 0] ** 2, (2 * np.arange(_POWERS) + 1) * chief_position)
     if along.min() <= 0:

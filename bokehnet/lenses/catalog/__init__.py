@@ -1,4 +1,4 @@
-"""Lenses that come with the package: one TOML file each, with its source."""
+"""Catalogue of lenses that come with the package: one TOML file each, with its source."""
 
 import dataclasses
 import functools
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.assembly.tolerances import Tolerances, assembled
+from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens, is_lens_file
 from bokehnet.lenses.lookup.transfer_file import read_transfer
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -16,15 +16,15 @@ from bokehnet.lenses.prescription_file import Prescription, read_prescription
 __all__ = ["catalog_names", "find_prescription", "load_lens"]
 
 _FOLDER = Path(__file__).parent
-# Rounds in which groups and the entrance pupil, from which distances count, find their places.
-_FLOATS = 4
+# Iterations for the positions of floating groups and of the entrance pupil, the origin of distances.
+_FLOATING_ITERATIONS = 4
 
 
 def catalog_names(mirrors: bool = True) -> list[str]:
-    """Names of the lenses in the catalog, in alphabetical order.
+    """Return the names of the lenses in the catalogue, in alphabetical order.
 
     Args:
-        mirrors: With those that have mirrors, whose middle is dark: they cannot be stopped down.
+        mirrors: Include lenses with mirrors, which have a central obstruction and cannot be stopped down.
     """
     names = sorted(path.stem for path in _FOLDER.glob("*.toml"))
     return names if mirrors else [name for name in names if not _has_mirrors(name)]
@@ -35,11 +35,11 @@ def _has_mirrors(name: str) -> bool:
 
 
 def find_prescription(name: str | Path) -> Prescription:
-    """Read a prescription by its name in the catalog, from a TOML file, or from a file of another program.
+    """Return a prescription from the catalogue, a TOML file, or a file of another program.
 
     Raises:
-        LensError: It is neither a name nor a path of a known ending, or a file of another program is wrong.
-        ConfigError: The TOML file is missing or wrong.
+        LensError: ``name`` is neither in the catalogue nor a path of a known suffix, or the file is invalid.
+        ConfigError: The TOML file is missing or invalid.
     """
     if str(name) in catalog_names():
         return read_prescription(_FOLDER / f"{name}.toml")
@@ -67,28 +67,29 @@ def load_lens(
     copy_to_copy: float = 0.0,
     copy_seed: int = 0,
 ) -> PrescriptionLens:
-    """Make a lens from the catalog or from a file.
+    """Return a lens from the catalogue or from a file.
 
     Args:
-        name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it; rays of a
+        name: Name in the catalogue, or path of a lens file, as for :func:`find_prescription`; rays of a
             transfer table (:mod:`bokehnet.lenses.lookup.transfer_file`) are looked up.
-        focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
-        f_number: None is fully open.
-        focus_distance: mm from the entrance pupil.
-        focusing: What focus means, as :class:`PrescriptionLens` has it.
-        copy_to_copy: How far elements stand off their places: so many times the default
+        focal_length: Effective focal length, mm, to which the whole lens is scaled. None keeps that of the
+            design.
+        f_number: F-number; None is fully open.
+        focus_distance: Focus distance, mm from the entrance pupil.
+        focusing: Definition of focus, as in :class:`PrescriptionLens`.
+        copy_to_copy: Manufacturing errors as a multiple of the default
             :class:`bokehnet.lenses.assembly.tolerances.Tolerances`; 0 is the design.
-        copy_seed: Which copy.
+        copy_seed: Seed of the copy.
 
     Raises:
-        LensError: There is no such lens, or it cannot do this.
-        ConfigError: The file is missing or wrong.
+        LensError: There is no such lens, or it cannot have this focus or f-number.
+        ConfigError: The file is missing or invalid.
     """
     if Path(name).suffix.lower() == ".npz":
         if focal_length is not None:
-            raise LensError(f"{name}: a transfer table is of one focal length: make it of the scaled lens")
+            raise LensError(f"{name}: a transfer table has one focal length: make it from the scaled lens")
         if copy_to_copy:
-            raise LensError(f"{name}: a transfer table holds no elements that could be moved: take the lens")
+            raise LensError(f"{name}: a transfer table has no elements to misalign: use the lens itself")
         return dataclasses.replace(
             read_transfer(name), f_number=f_number, focus_distance=focus_distance, focusing=focusing
         )
@@ -100,8 +101,8 @@ def load_lens(
             focal_length / PrescriptionLens(prescription=prescription).focal_length
         )
     if copy_to_copy:
-        prescription = assembled(prescription, Tolerances() * copy_to_copy, copy_seed)
-    for _ in range(_FLOATS if prescription.floating else 0):  # the pupil moves with the groups
+        prescription = assemble_copy(prescription, Tolerances() * copy_to_copy, copy_seed)
+    for _ in range(_FLOATING_ITERATIONS if prescription.floating else 0):  # the pupil moves with the groups
         front = PrescriptionLens(prescription=prescription).front_vertex
         prescription = prescription.focused(max(focus_distance - front, 1e-9))
     lens = functools.partial(
@@ -114,8 +115,8 @@ def load_lens(
     if not is_lens_file(name):
         return lens()
     try:
-        found = lens()
-        _ = found.focus_shift  # of files of others it is not known that any ray passes
+        loaded = lens()
+        _ = loaded.focus_shift  # raises if no ray passes, which is possible for files of other programs
     except LensError as error:
         raise LensError(f"{name}: {error}", error.parameter) from error
-    return found
+    return loaded

@@ -1,6 +1,6 @@
-"""Lens files of other programs: one file here for each format, and one structure that all are read into.
+"""Readers for lens files of other programs: one module per format, and one common structure.
 
-In goes a path, by :func:`import_lens` of :mod:`bokehnet.lenses.files.reading`; out comes a
-:class:`bokehnet.lenses.prescription_file.Prescription` and what has to be said of it. Open ``structure.py``
-first: what a file says, and how it becomes a prescription.
+Input: a path, for :func:`import_lens` of :mod:`bokehnet.lenses.files.reading`. Output: a
+:class:`bokehnet.lenses.prescription_file.Prescription` and notes on it. Open ``structure.py``
+first: the content of a file, and its conversion to a prescription.
 """

@@ -1,6 +1,6 @@
 """CODE V sequences, ``.seq``: rotationally symmetric lenses of spheres, conics and even aspheres.
 
-Source: the commands as "CODE V reference manual" names them.
+Source: command names of the "CODE V reference manual".
 """
 
 import math
@@ -24,34 +24,19 @@ _FIELDS = {
     **dict.fromkeys(("XOB", "YOB"), "object"),
     **dict.fromkeys(("XIM", "YIM", "XRI", "YRI"), "image"),
 }
-# Letters of an asphere's powers, from the fourth on.
+# Letters of the powers of an asphere, from the fourth on.
 _POWERS = "ABCDEFGH"
-# What turns or shifts surfaces, or bends light by other means; of no harm where all their numbers are 0.
-_REFUSED = {
-    "XDE",
-    "YDE",
-    "ZDE",
-    "ADE",
-    "BDE",
-    "CDE",
-    "GRO",
-    "GRX",
-    "GRY",
-    "DIF",
-    "CYL",
-    "XTO",
-    "YTO",
-    "NSS",
-    "GRT",
-}
-_REFUSED |= {"SPS", "BEN", "DAR", "RET", "DEC", "HOE", "DOE", "HCT"}
+# Commands that move surfaces or bend light by other means; accepted if all their numbers are 0.
+_UNSUPPORTED = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "GRO", "GRX", "GRY", "DIF", "CYL", "XTO"}
+_UNSUPPORTED |= {"YTO", "NSS", "GRT", "SPS", "BEN", "DAR", "RET", "DEC", "HOE", "DOE", "HCT"}
 
 
 def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
-    """Read a sequence of CODE V.
+    """Read a CODE V sequence.
 
     Raises:
-        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+        LensError: The file is not a sequence, or has surfaces other than spheres, conics or even aspheres
+            about one axis.
     """
     state = _State(path, catalogues)
     for line, command in _commands(path):
@@ -62,7 +47,7 @@ def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
         if not words:
             continue
         try:
-            state.take(line, words[0].upper(), words[1:])
+            state.read_command(line, words[0].upper(), words[1:])
         except LensError:
             raise
         except (ValueError, IndexError) as error:
@@ -71,38 +56,38 @@ def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
 
 
 def _commands(path: Path) -> list[tuple[int, str]]:
-    """Commands with the line on which each begins: ``;`` parts them, ``&`` joins lines, ``!`` is a remark."""
-    found: list[tuple[int, str]] = []
-    open_line, held = 0, ""
+    """Return commands with their first line: ``;`` separates them, ``&`` joins lines, ``!`` is a comment."""
+    commands: list[tuple[int, str]] = []
+    open_line, pending = 0, ""
     for line, text in enumerate(read_lines(path), start=1):
         text = re.split(r"!(?=(?:[^'\"]*['\"][^'\"]*['\"])*[^'\"]*$)", text)[0].strip()
-        held, open_line = (held + " " + text, open_line) if held else (text, line)
-        if held.endswith("&"):
-            held = held[:-1]
+        pending, open_line = (pending + " " + text, open_line) if pending else (text, line)
+        if pending.endswith("&"):
+            pending = pending[:-1]
             continue
-        parts = re.split(r";(?=(?:[^'\"]*['\"][^'\"]*['\"])*[^'\"]*$)", held)
-        found += [(open_line, part.strip()) for part in parts if part.strip()]
-        held = ""
-    return found
+        parts = re.split(r";(?=(?:[^'\"]*['\"][^'\"]*['\"])*[^'\"]*$)", pending)
+        commands += [(open_line, part.strip()) for part in parts if part.strip()]
+        pending = ""
+    return commands
 
 
 class _State:
-    """What has been read so far."""
+    """State of reading a sequence."""
 
     def __init__(self, path: Path, catalogues: GlassCatalogues) -> None:
         self.lens, self.catalogues = FileLens(path=path), catalogues
         self.radii: bool | None = None
-        self.bends: list[float] = []
+        self.radius_values: list[float] = []
         self.wavelengths: list[float] = []
         self.primary = 0
         self.private: dict[str, Glass] = {}
         self.private_lines: list[float] | None = None
 
-    def take(self, line: int, key: str, words: list[str]) -> None:
-        """Take one command."""
+    def read_command(self, line: int, key: str, words: list[str]) -> None:
+        """Read one command."""
         lens = self.lens
         if self.private_lines is not None:
-            self.of_private(key, words)
+            self.read_private_glass(key, words)
         elif key == "PRV":
             self.private_lines = []
         elif key == "RDM":
@@ -124,35 +109,35 @@ class _State:
         elif key == "REF":
             self.primary = int(number(words[0])) - 1
         elif key in ("ZOO", "ZOOM"):
-            self.zoom(line, words)
+            self.read_zoom(line, words)
         elif key in ("SO", "SI", "S") or re.fullmatch(r"S\d+", key):
             self.surface(line, key, words)
-        elif lens.surfaces and self.of_surface(line, key, words):
+        elif lens.surfaces and self.read_surface_command(line, key, words):
             return
         else:
             lens.skip(key)
 
-    def zoom(self, line: int, words: list[str]) -> None:
-        """Take how many positions there are, or a distance or the aperture in each of them."""
-        lens, what = self.lens, words[0].upper() if words else ""
-        if len(words) == 1 and what.isdigit():
-            lens.positions = [FilePosition() for _ in range(int(what))]
-        elif what == "THI" and len(words) > 2:
+    def read_zoom(self, line: int, words: list[str]) -> None:
+        """Read the number of positions, or a distance or the aperture for each of them."""
+        lens, quantity = self.lens, words[0].upper() if words else ""
+        if len(words) == 1 and quantity.isdigit():
+            lens.positions = [FilePosition() for _ in range(int(quantity))]
+        elif quantity == "THI" and len(words) > 2:
             row = words[1].upper().lstrip("S")
             numbers = [number(word) for word in words[2:]]
-            self.each_position(line, numbers)
-            for one, thickness in zip(lens.positions, numbers, strict=False):
-                one.thickness[int(row) if row else 0] = thickness
-        elif what in _APERTURES and len(words) > 1:
+            self.check_position_count(line, numbers)
+            for position, thickness in zip(lens.positions, numbers, strict=False):
+                position.thickness[int(row) if row else 0] = thickness
+        elif quantity in _APERTURES and len(words) > 1:
             numbers = [number(word) for word in words[1:]]
-            self.each_position(line, numbers)
-            for one, value in zip(lens.positions, numbers, strict=False):
-                one.aperture = value
+            self.check_position_count(line, numbers)
+            for position, value in zip(lens.positions, numbers, strict=False):
+                position.aperture = value
         else:
-            lens.skip(f"ZOO {what}".strip())
+            lens.skip(f"ZOO {quantity}".strip())
 
-    def each_position(self, line: int, numbers: list[float]) -> None:
-        """Refuse a list that has not a number for each position."""
+    def check_position_count(self, line: int, numbers: list[float]) -> None:
+        """Raise ``LensError`` unless there is a number for each position."""
         count = len(self.lens.positions)
         if len(numbers) != count:
             fail(
@@ -162,24 +147,24 @@ class _State:
                 f"expected a number for each of {count} positions, got {len(numbers)}",
             )
 
-    def of_private(self, key: str, words: list[str]) -> None:
-        """Take a line of the private catalogue: PWL and wavelengths, then names and indices, END."""
+    def read_private_glass(self, key: str, words: list[str]) -> None:
+        """Read a line of the private catalogue: PWL and wavelengths, then names and indices, END."""
         assert self.private_lines is not None
         if key == "END":
             self.private_lines = None
         elif key == "PWL":
             self.private_lines = [number(word) for word in words]
         elif self.private_lines and len(words) == len(self.private_lines):
-            known = sorted(zip(self.private_lines, map(number, words), strict=True))
-            if len(known) > 1:
+            samples = sorted(zip(self.private_lines, map(number, words), strict=True))
+            if len(samples) > 1:
                 self.private[key.upper()] = TableGlass(
-                    wavelengths=tuple(w for w, _ in known), indices=tuple(n for _, n in known)
+                    wavelengths=tuple(w for w, _ in samples), indices=tuple(n for _, n in samples)
                 )
 
     def surface(self, line: int, key: str, words: list[str]) -> None:
-        """Take a new row: radius or curvature, thickness, glass."""
+        """Read a new row: radius or curvature, thickness, glass."""
         lens = self.lens
-        bend = number(words[0]) if words else 0.0
+        value = number(words[0]) if words else 0.0
         medium, mirror = None, False
         if len(words) > 2:
             name = words[2]
@@ -191,11 +176,11 @@ class _State:
                 glass, _, maker = name.partition("_")
                 medium = medium_of(lens, line, key, glass, self.catalogues, maker=maker)
         thickness = number(words[1]) if len(words) > 1 else 0.0
-        self.bends.append(bend)
+        self.radius_values.append(value)
         lens.surfaces.append(FileSurface(line=line, thickness=thickness, medium=medium, mirror=mirror))
 
-    def of_surface(self, line: int, key: str, words: list[str]) -> bool:
-        """Take a command of the last surface; False where it says nothing that counts."""
+    def read_surface_command(self, line: int, key: str, words: list[str]) -> bool:
+        """Read a command of the last surface; return False if it is irrelevant."""
         lens, surface = self.lens, self.lens.surfaces[-1]
         if key == "STO":
             at = int(words[0].upper().lstrip("S")) if words else len(lens.surfaces) - 1
@@ -203,7 +188,7 @@ class _State:
         elif key in ("CIR", "CIX"):
             if len(words) == 1:
                 surface.semi_diameter = number(words[0])
-            elif words[0].upper() in ("OBS", "HOL"):  # else it is an edge
+            elif words[0].upper() in ("OBS", "HOL"):  # otherwise an edge
                 surface.inner_radius = number(words[-1])
         elif key == "K":
             surface.conic = number(words[-1])
@@ -217,29 +202,29 @@ class _State:
         elif key == "THI" and len(words) == 1:
             surface.thickness = number(words[0])
         elif key in ("RDY", "CUY") and len(words) == 1:
-            self.bends[-1] = number(words[0])
-        elif key in _REFUSED:
+            self.radius_values[-1] = number(words[0])
+        elif key in _UNSUPPORTED:
             values = [word for word in words if re.fullmatch(r"[-+.\dEeDd]+", word)]
             if values and all(number(word) == 0 for word in values):
                 lens.skip(key)
             else:
-                fail(lens.path, line, key, "expected surfaces of one axis that refract, got something else")
+                fail(lens.path, line, key, "expected refracting surfaces on one axis, got something else")
         else:
             return key in ("ASP", "CON", "SPH")
         return True
 
     def finish(self) -> FileLens:
-        """Return the lens, with what counts for all of it."""
+        """Return the lens, with properties of the whole file."""
         lens = self.lens
         if not lens.surfaces:
             fail(lens.path, 0, "S", "expected surfaces, got none; is this a sequence of CODE V?")
         if self.radii is None:
-            bent = [abs(bend) for bend in self.bends if bend]
-            self.radii = bool(bent) and min(bent) > 1
+            sizes = [abs(value) for value in self.radius_values if value]
+            self.radii = bool(sizes) and min(sizes) > 1
             if self.radii:
-                lens.said.append("no RDM is told: numbers above 1 are taken for radii")
-        for surface, bend in zip(lens.surfaces, self.bends, strict=True):
-            surface.radius = math.inf if bend == 0 else bend if self.radii else 1 / bend
+                lens.notes.append("no RDM given: numbers above 1 are read as radii")
+        for surface, value in zip(lens.surfaces, self.radius_values, strict=True):
+            surface.radius = math.inf if value == 0 else value if self.radii else 1 / value
         if self.wavelengths:
             middle = min(max(self.primary, 0), len(self.wavelengths) - 1)
             lens.wavelength = self.wavelengths[middle]

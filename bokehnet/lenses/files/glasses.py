@@ -1,6 +1,6 @@
-"""Glasses by name: AGF catalogues, refractiveindex.info's YAML, and what stands for a glass nobody knows.
+"""Glasses by name: AGF catalogues, refractiveindex.info YAML, and approximations of unknown glasses.
 
-Names are compared without case, dashes and blanks, so that ``NBK7_SCHOTT``, ``N-BK7`` and ``nbk7`` are one.
+Names are compared without case, dashes and blanks, so that ``NBK7_SCHOTT``, ``N-BK7`` and ``nbk7`` are equal.
 """
 
 import re
@@ -29,10 +29,10 @@ _Powers = tuple[tuple[float, float], ...]
 
 @dataclass
 class GlassCatalogues:
-    """Glasses of some files and folders, then those of :mod:`bokehnet.optics.spectral.glass`.
+    """Glasses of given files and folders, then those of :mod:`bokehnet.optics.spectral.glass`.
 
     Attributes:
-        places: AGF files, YAML files, and folders that hold such; the first that knows a name has it.
+        places: AGF files, YAML files, and folders of these; the first that contains a name defines it.
     """
 
     places: tuple[Path, ...] = ()
@@ -40,27 +40,27 @@ class GlassCatalogues:
     _yaml: dict[Path, dict[str, list[Path]]] = field(default_factory=dict, repr=False)
 
     def find(self, name: str, maker: str = "") -> Glass | None:
-        """Return the glass called ``name``, of a maker if there are several; None where nobody knows it."""
-        wanted = plain_name(name)
+        """Return the glass called ``name``, preferring ``maker`` if there are several; None if unknown."""
+        key = plain_name(name)
         for place in self.places:
             for path in sorted(place.rglob("*.[aA][gG][fF]")) if place.is_dir() else [place]:
-                if path.suffix.lower() == ".agf" and wanted in self._of_agf(path):
-                    return self._of_agf(path)[wanted]
-            found = self._of_yaml(place).get(wanted, [])
-            if found:
-                ours = [path for path in found if maker and maker.lower() in str(path.parent).lower()]
-                return read_yaml_glass((ours or found)[0])
+                if path.suffix.lower() == ".agf" and key in self._agf_glasses(path):
+                    return self._agf_glasses(path)[key]
+            paths = self._yaml_paths(place).get(key, [])
+            if paths:
+                by_maker = [path for path in paths if maker and maker.lower() in str(path.parent).lower()]
+                return read_yaml_glass((by_maker or paths)[0])
         try:
-            return make_glass(_spelled(name))
+            return make_glass(_table_name(name))
         except LensError:
-            return _MATERIALS.get(wanted)
+            return _MATERIALS.get(key)
 
-    def _of_agf(self, path: Path) -> dict[str, Glass]:
+    def _agf_glasses(self, path: Path) -> dict[str, Glass]:
         if path not in self._agf:
             self._agf[path] = read_agf(path)
         return self._agf[path]
 
-    def _of_yaml(self, place: Path) -> dict[str, list[Path]]:
+    def _yaml_paths(self, place: Path) -> dict[str, list[Path]]:
         if place not in self._yaml:
             files: Iterable[Path] = sorted(place.rglob("*.yml")) if place.is_dir() else [place]
             table: dict[str, list[Path]] = {}
@@ -76,22 +76,22 @@ def plain_name(name: str) -> str:
     return re.sub(r"[^A-Z0-9]", "", name.upper())
 
 
-def _spelled(name: str) -> str:
-    """A name as our own table spells it."""
+def _table_name(name: str) -> str:
+    """Return a name as the table of this package spells it."""
     name = name.upper()
     return f"N-{name[1:]}" if name.startswith("N") and not name.startswith("N-") else name
 
 
 def read_agf(path: Path) -> dict[str, Glass]:
-    """Read a glass catalogue of Zemax; glasses of formulas that are not known are left out.
+    """Read a Zemax glass catalogue; ignores glasses with unknown formulas.
 
     Raises:
-        LensError: It cannot be read, or a number is none.
+        LensError: The file cannot be read, or a number is invalid.
 
     Source:
         The formulas of "OpticStudio user manual", glass catalogs, 1 to 13; wavelengths in micrometres.
     """
-    found: dict[str, Glass] = {}
+    glasses: dict[str, Glass] = {}
     name, kind = "", 0
     for number, line in enumerate(read_lines(path), start=1):
         key, _, rest = line.strip().partition(" ")
@@ -102,10 +102,10 @@ def read_agf(path: Path) -> dict[str, Glass]:
             elif key == "CD" and name:
                 glass = _agf_formula(kind, [float(word) for word in rest.split()])
                 if glass is not None:
-                    found[plain_name(name)] = glass
+                    glasses[plain_name(name)] = glass
         except (ValueError, IndexError) as error:
             raise LensError(f"{path}, line {number}: {key}: expected numbers: {error}") from error
-    return found
+    return glasses
 
 
 def _agf_formula(kind: int, numbers: list[float]) -> FormulaGlass | None:
@@ -145,7 +145,7 @@ def read_yaml_glass(path: Path) -> Glass:
     """Read one material of refractiveindex.info, its first formula or table of n.
 
     Raises:
-        LensError: It cannot be read, or holds none that is known.
+        LensError: The file cannot be read, or has no known formula.
     """
     table: list[list[float]] = []
     kind, reading = "", False
@@ -197,5 +197,5 @@ def _info_formula(kind: int, c: list[float]) -> FormulaGlass:
 
 
 def approximate(nd: float, vd: float) -> Glass:
-    """Return what stands for a glass of which only index and Abbe number are known; Vd 0 is no dispersion."""
+    """Return an approximation of a glass by index and Abbe number; Vd 0 is no dispersion."""
     return AbbeGlass(nd, vd) if vd > 0 else FormulaGlass(root=1.0, powers=((nd, 0.0),))

@@ -1,4 +1,4 @@
-"""From what a lens file calls a glass to the glass, said where it is a stand-in."""
+"""Conversion of glass names of a lens file to glasses, with notes on approximations."""
 
 import re
 
@@ -26,26 +26,26 @@ def medium_of(
     """Return the medium called ``name``; None is air.
 
     Glasses of the catalogues come first, then codes of six digits (517642 is nd 1.517, Vd 64.2) and of index
-    and Abbe number (1.517:64.2), then what the file itself tells of it.
+    and Abbe number (1.517:64.2), then the values in the file itself.
 
     Args:
-        lens: Is told of stand-ins.
-        line: Where the glass stands in the file.
-        key: What the file calls the entry.
-        name: Of the glass.
-        catalogues: To look in.
-        maker: Of the glass, where it is known.
-        nd: Index that the file tells.
-        vd: Abbe number that it tells; 0 is no dispersion.
+        lens: Lens that receives notes on approximations.
+        line: Line of the glass in the file.
+        key: Name of the entry in the file.
+        name: Name of the glass.
+        catalogues: Catalogues to search.
+        maker: Maker of the glass, if known.
+        nd: Index given in the file.
+        vd: Abbe number given in the file; 0 is no dispersion.
 
     Raises:
-        LensError: Nobody knows the glass.
+        LensError: Unknown glass.
     """
     if name.upper() in _AIR:
         return None
-    found = catalogues.find(name, maker)
-    if found is not None:
-        return found
+    glass = catalogues.find(name, maker)
+    if glass is not None:
+        return glass
     if match := re.fullmatch(r"(\d{3})\.?(\d{3})|(\d\.\d+):(\d+\.?\d*)|(\d{6,9})\.(\d{1,6})", name):
         nd, vd = _code(match)
     elif re.fullmatch(r"[12]\.\d*", name):
@@ -54,10 +54,10 @@ def medium_of(
         nd, vd = OLD_GLASSES[plain_name(name)]
     if nd is None or not nd > 1:
         remedy = "give its catalogue, an AGF file or refractiveindex.info's YAML, by --glasses"
-        fail(lens.path, line, key, f"expected a glass that is known, got {name!r}; {remedy}")
+        fail(lens.path, line, key, f"expected a known glass, got {name!r}; {remedy}")
     vd = vd or 0.0
-    lens.said.append(
-        f"{name} stands for nd {nd:g}, Vd {vd:g}" if vd else f"{name} has the index {nd:g} everywhere"
+    lens.notes.append(
+        f"{name} approximated by nd {nd:g}, Vd {vd:g}" if vd else f"{name} has the constant index {nd:g}"
     )
     return approximate(nd, vd)
 

@@ -1,4 +1,4 @@
-"""Index and Abbe number of glasses and plastics that lens files name and catalogues no longer hold.
+"""Index and Abbe number of glasses and plastics that lens files use and current catalogues omit.
 
 Source: Schott, "Optical glass" catalogue, 1992; plastics from "OpticStudio", catalogue MISC. Names are
 without dashes, values nd and Vd.

@@ -1,6 +1,6 @@
-"""optiland's JSON: rotationally symmetric lenses of spheres, conics and even aspheres.
+"""optiland JSON: rotationally symmetric lenses of spheres, conics and even aspheres.
 
-Source: what ``optiland.fileio.save_optiland_file`` writes, version 1.0.
+Source: the output of ``optiland.fileio.save_optiland_file``, version 1.0.
 """
 
 import json
@@ -28,10 +28,11 @@ _SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
 
 
 def read_optiland(path: Path, catalogues: GlassCatalogues) -> FileLens:
-    """Read a lens that optiland saved.
+    """Read a lens saved by optiland.
 
     Raises:
-        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+        LensError: The file is not such a lens, or has surfaces other than spheres, conics or even aspheres
+            about one axis.
     """
     try:
         data = json.loads("\n".join(read_lines(path)))
@@ -63,18 +64,18 @@ def read_optiland(path: Path, catalogues: GlassCatalogues) -> FileLens:
         kind = data["fields"].get("field_type") or (fields[0].get("field_type") if fields else "angle")
         if isinstance(kind, dict):
             kind = kind.get("field_type", "angle")
-        sizes = [math.hypot(float(one["x"]), float(one["y"])) for one in fields]
+        sizes = [math.hypot(float(entry["x"]), float(entry["y"])) for entry in fields]
         lens.field = (_FIELDS.get(str(kind), "angle"), max(sizes, default=0.0))
         key = "wavelengths"
         waves = data["wavelengths"]["wavelengths"]
-        primary = next((one for one in waves if one.get("is_primary")), waves[0])
+        primary = next((wave for wave in waves if wave.get("is_primary")), waves[0])
         lens.wavelength = (
             float(primary["value"]) * {"um": 1e3, "nm": 1.0, "mm": 1e6}[primary.get("unit", "um")]
         )
     except LensError:
         raise
     except (KeyError, TypeError, ValueError, IndexError, StopIteration) as error:
-        fail(path, 0, key, f"expected what optiland writes, got none of {error}")
+        fail(path, 0, key, f"expected the format of optiland, found no {error}")
     return lens
 
 
@@ -85,7 +86,7 @@ def _surface(
     shape, place = geometry["type"], geometry["cs"]
     if shape not in _SHAPES:
         fail(lens.path, 0, f"{key}.geometry", f"expected one of {', '.join(_SHAPES)}, got {shape}")
-    if any(float(place.get(turn, 0.0)) != 0 for turn in ("x", "y", "rx", "ry")):
+    if any(float(place.get(offset, 0.0)) != 0 for offset in ("x", "y", "rx", "ry")):
         fail(lens.path, 0, f"{key}.cs", "expected surfaces about one axis, got a shift or a tilt")
     if surface.get("surface_type") == "paraxial" or surface.get("type") == "ParaxialSurface":
         fail(lens.path, 0, key, "expected glass, got a paraxial lens")
@@ -113,17 +114,17 @@ def _surface(
     )
 
 
-def _medium(lens: FileLens, key: str, told: dict[str, Any], catalogues: GlassCatalogues) -> Glass | None:
-    kind = told.get("type")
+def _medium(lens: FileLens, key: str, material: dict[str, Any], catalogues: GlassCatalogues) -> Glass | None:
+    kind = material.get("type")
     if kind == "IdealMaterial":
-        index = told["index"]
+        index = material["index"]
         index = float(index[0] if isinstance(index, list) else index)
         return None if index == 1 else FormulaGlass(root=1.0, powers=((index, 0.0),))
     if kind == "AbbeMaterial":
         return medium_of(
-            lens, 0, key, "model glass", catalogues, nd=float(told["index"]), vd=float(told["abbe"])
+            lens, 0, key, "model glass", catalogues, nd=float(material["index"]), vd=float(material["abbe"])
         )
-    name = str(told.get("name", kind))
-    folder = str(told.get("filename", "")).replace("\\", "/").split("/")
-    maker = str(told.get("reference") or (folder[-2] if len(folder) > 1 else ""))
+    name = str(material.get("name", kind))
+    folder = str(material.get("filename", "")).replace("\\", "/").split("/")
+    maker = str(material.get("reference") or (folder[-2] if len(folder) > 1 else ""))
     return medium_of(lens, 0, key, name, catalogues, maker=maker)

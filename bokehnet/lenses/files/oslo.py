@@ -1,6 +1,6 @@
 """OSLO lenses, ``.len``: rotationally symmetric lenses of spheres, conics and even aspheres.
 
-Source: the commands as "OSLO optics reference" names them.
+Source: command names of the "OSLO optics reference".
 """
 
 import math
@@ -15,20 +15,22 @@ from bokehnet.lenses.files.text import number, read_lines
 
 __all__ = ["read_oslo"]
 
-_POWERS = {"AD": 2, "AE": 3, "AF": 4, "AG": 5}  # of the squared height
-# What turns or shifts surfaces, or bends light by other means.
-_REFUSED = {"RFL", "RFH", "DCX", "DCY", "DCZ", "TLA", "TLB", "TLC", "CVX", "GOR", "GSP", "DOE", "PFL", "PFP"}
+_POWERS = {"AD": 2, "AE": 3, "AF": 4, "AG": 5}  # powers of the squared height
+# Commands that move surfaces, or bend light by other means.
+_UNSUPPORTED = {"RFL", "RFH", "DCX", "DCY", "DCZ", "TLA", "TLB", "TLC", "CVX", "GOR", "GSP", "DOE"}
+_UNSUPPORTED |= {"PFL", "PFP"}
 _FLAGS = {"RFL", "RFH"}
 
 
 def read_oslo(path: Path, catalogues: GlassCatalogues) -> FileLens:
-    """Read a lens of OSLO.
+    """Read an OSLO lens.
 
     Raises:
-        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+        LensError: The file is not a lens, or has surfaces other than spheres, conics or even aspheres about
+            one axis.
     """
     lens = FileLens(path=path, surfaces=[FileSurface(line=1)])
-    began = False
+    has_header = False
     for line, text in enumerate(read_lines(path), start=1):
         text = text.partition("//")[0].strip()
         if not text:
@@ -38,19 +40,19 @@ def read_oslo(path: Path, catalogues: GlassCatalogues) -> FileLens:
         except ValueError:
             words = text.split()
         key, rest = words[0].upper(), words[1:]
-        began = began or key == "LEN"
+        has_header = has_header or key == "LEN"
         try:
-            _take(lens, catalogues, line, key, rest)
+            _read_command(lens, catalogues, line, key, rest)
         except LensError:
             raise
         except (ValueError, IndexError) as error:
             fail(path, line, key, f"expected numbers, got {' '.join(rest)[:60]!r} ({error})")
-    if not began:
+    if not has_header:
         fail(path, 0, "LEN", "expected LEN NEW, got none; is this a lens of OSLO?")
     return lens
 
 
-def _take(lens: FileLens, catalogues: GlassCatalogues, line: int, key: str, words: list[str]) -> None:
+def _read_command(lens: FileLens, catalogues: GlassCatalogues, line: int, key: str, words: list[str]) -> None:
     surface = lens.surfaces[-1]
     if key == "LEN":
         lens.name = next(
@@ -91,8 +93,8 @@ def _take(lens: FileLens, catalogues: GlassCatalogues, line: int, key: str, word
         powers[place] = number(words[0])
         surface.aspheric = tuple(powers)
     elif key == "AP":
-        told = [word for word in words if _is_number(word)]
-        surface.semi_diameter = number(told[0]) if told else None
+        sizes = [word for word in words if _is_number(word)]
+        surface.semi_diameter = number(sizes[0]) if sizes else None
     elif key == "AST":
         lens.surfaces[int(words[0]) if words else -1].stop = True
     elif key in ("RFL", "RFH"):
@@ -102,13 +104,11 @@ def _take(lens: FileLens, catalogues: GlassCatalogues, line: int, key: str, word
     elif key == "GLA":
         nd = number(words[1]) if len(words) > 1 and _is_number(words[1]) else None
         vd = number(words[2]) if len(words) > 2 and _is_number(words[2]) else None
-        if vd is not None and nd is not None and vd < 3:  # indices at F and C in place of an Abbe number
+        if vd is not None and nd is not None and vd < 3:  # indices at F and C instead of an Abbe number
             vd = (nd - 1) / abs(vd - number(words[3])) if len(words) > 3 else None
         surface.medium = medium_of(lens, line, key, words[0], catalogues, nd=nd, vd=vd)
-    elif key in ("PK", "PKP") or (key in _REFUSED and (key in _FLAGS or any(map(_is_not_zero, words)))):
-        fail(
-            lens.path, line, key, "expected surfaces of one axis that refract, in numbers, got something else"
-        )
+    elif key in ("PK", "PKP") or (key in _UNSUPPORTED and (key in _FLAGS or any(map(_is_not_zero, words)))):
+        fail(lens.path, line, key, "expected refracting surfaces on one axis, in numbers, got something else")
     else:
         lens.skip(key)
 

@@ -1,6 +1,6 @@
 """ray-optics models, ``.roa``: rotationally symmetric lenses of spheres, conics and even aspheres.
 
-Source: what ``rayoptics.optical.opticalmodel.OpticalModel.save_model`` writes.
+Source: the output of ``rayoptics.optical.opticalmodel.OpticalModel.save_model``.
 """
 
 import json
@@ -29,10 +29,11 @@ _APERTURES = {
 
 
 def read_rayoptics(path: Path, catalogues: GlassCatalogues) -> FileLens:
-    """Read a model of ray-optics.
+    """Read a ray-optics model.
 
     Raises:
-        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+        LensError: The file is not a model, or has surfaces other than spheres, conics or even aspheres about
+            one axis.
     """
     try:
         data = json.loads("\n".join(read_lines(path)))
@@ -40,18 +41,18 @@ def read_rayoptics(path: Path, catalogues: GlassCatalogues) -> FileLens:
         fail(path, error.lineno, "JSON", error.msg)
     lens, key = FileLens(path=path), "optical_model"
     try:
-        model = _inside(data["optical_model"])
-        system = _inside(model["system_spec"])
+        model = _attributes(data["optical_model"])
+        system = _attributes(model["system_spec"])
         lens.name = str(system.get("title", ""))
         unit = str(system.get("_dimensions") or system.get("dimensions") or "mm").lower()
         lens.millimetres = _UNITS[unit]
         key = "seq_model"
-        sequence = _inside(model["seq_model"])
+        sequence = _attributes(model["seq_model"])
         profiles = model.get("profile_dict") or {}
         gaps = sequence["gaps"]
         for number, entry in enumerate(sequence["ifcs"]):
             key = f"ifcs[{number}]"
-            gap: Any = _inside(gaps[number]) if number < len(gaps) else {"thi": 0.0, "medium": None}
+            gap: Any = _attributes(gaps[number]) if number < len(gaps) else {"thi": 0.0, "medium": None}
             surface = _surface(lens, key, entry, profiles)
             surface.thickness = float(gap["thi"])
             surface.medium = _medium(lens, f"gaps[{number}].medium", gap["medium"], catalogues)
@@ -60,16 +61,16 @@ def read_rayoptics(path: Path, catalogues: GlassCatalogues) -> FileLens:
         if stop is not None:
             lens.surfaces[stop].stop = True
         key = "optical_spec"
-        _specification(lens, _inside(model["optical_spec"]))
+        _specification(lens, _attributes(model["optical_spec"]))
     except LensError:
         raise
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        fail(path, 0, key, f"expected what ray-optics writes, got none of {error}")
+        fail(path, 0, key, f"expected the format of ray-optics, found no {error}")
     return lens
 
 
-def _inside(entry: Any) -> Any:
-    """What an object of json-tricks holds."""
+def _attributes(entry: Any) -> Any:
+    """Return the attributes of a json-tricks object."""
     return entry.get("attributes", entry)
 
 
@@ -84,18 +85,18 @@ def _numbers(entry: Any) -> list[float]:
 def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str, Any]) -> FileSurface:
     if _kind(entry) not in ("Surface", ""):
         fail(lens.path, 0, key, f"expected a surface, got {_kind(entry)}, which has no shape")
-    told = _inside(entry)
-    mode = told.get("interact_mode", "transmit")
+    attributes = _attributes(entry)
+    mode = attributes.get("interact_mode", "transmit")
     if mode not in ("transmit", "dummy", "reflect"):
         fail(lens.path, 0, key, f"expected a surface that refracts or reflects, got {mode}")
-    if told.get("decenter") or told.get("phase_element"):
-        fail(lens.path, 0, key, "expected surfaces of one axis that refract, got something else")
-    profile = told.get("profile") or profiles.get(str(told.get("profile_id")))
+    if attributes.get("decenter") or attributes.get("phase_element"):
+        fail(lens.path, 0, key, "expected refracting surfaces on one axis, got something else")
+    profile = attributes.get("profile") or profiles.get(str(attributes.get("profile_id")))
     if profile is None:
         raise KeyError("profile")
     if _kind(profile) not in _SHAPES:
         fail(lens.path, 0, f"{key}.profile", f"expected one of {', '.join(_SHAPES)}, got {_kind(profile)}")
-    shape = _inside(profile)
+    shape = _attributes(profile)
     curvature = float(shape.get("cv", 0.0))
     powers = _numbers(shape.get("coefs", [])) if _kind(profile).endswith("Polynomial") else []
     odd: list[float] = []
@@ -103,58 +104,65 @@ def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str
         if any(powers[:1]):
             fail(lens.path, 0, f"{key}.profile", "expected a surface without a tip, got a power of 1")
         powers, odd = powers[1::2], powers[2::2]
-    size = told.get("max_aperture")
+    size = attributes.get("max_aperture")
     return FileSurface(
         radius=1 / curvature if curvature else math.inf,
         conic=float(shape.get("cc", shape.get("ec", 1.0) - 1)),
         aspheric=tuple(powers),
         odd=tuple(odd),
         semi_diameter=float(size) if size else None,
-        inner_radius=_obstructed(told.get("clear_apertures") or []),
+        inner_radius=_obscuration_radius(attributes.get("clear_apertures") or []),
         mirror=mode == "reflect",
-        comment=str(told.get("label") or ""),
+        comment=str(attributes.get("label") or ""),
     )
 
 
-def _obstructed(apertures: list[Any]) -> float:
-    """Radius of what is dark in the middle, in the unit of the file."""
-    told = [_inside(one) for one in apertures]
+def _obscuration_radius(apertures: list[Any]) -> float:
+    """Return the radius of the central obscuration, in the unit of the file."""
+    shapes = [_attributes(aperture) for aperture in apertures]
     return max(
-        (float(one["radius"]) for one in told if one.get("is_obscuration") and "radius" in one), default=0.0
+        (float(shape["radius"]) for shape in shapes if shape.get("is_obscuration") and "radius" in shape),
+        default=0.0,
     )
 
 
 def _medium(lens: FileLens, key: str, entry: Any, catalogues: GlassCatalogues) -> Glass | None:
     if not entry or _kind(entry) == "Air":
         return None
-    told, kind = _inside(entry), _kind(entry)
-    name = str(told.get("gname") or told.get("label") or told.get("_label") or "model glass")
+    attributes, kind = _attributes(entry), _kind(entry)
+    name = str(
+        attributes.get("gname") or attributes.get("label") or attributes.get("_label") or "model glass"
+    )
     if kind in ("ConstantIndex",):
-        return FormulaGlass(root=1.0, powers=((float(told["n"]), 0.0),))
+        return FormulaGlass(root=1.0, powers=((float(attributes["n"]), 0.0),))
     if kind in ("InterpolatedMedium", "InterpolatedGlass"):
-        known = sorted(zip(_numbers(told["wvls"]), _numbers(told["rndx"]), strict=True))
-        return TableGlass(wavelengths=tuple(w for w, _ in known), indices=tuple(n for _, n in known))
-    if kind == "ModelGlass" or "n" in told:
-        return medium_of(lens, 0, key, name, catalogues, nd=float(told["n"]), vd=float(told.get("v", 0.0)))
-    maker = str(entry.get("__instance_type__", [""])[0]).rpartition(".")[2] or str(told.get("_catalog", ""))
-    if kind == "SchottGlass" and len(told.get("coefs", [])) == 6:
-        b1, b2, b3, c1, c2, c3 = _numbers(told["coefs"])
+        samples = sorted(zip(_numbers(attributes["wvls"]), _numbers(attributes["rndx"]), strict=True))
+        return TableGlass(wavelengths=tuple(w for w, _ in samples), indices=tuple(n for _, n in samples))
+    if kind == "ModelGlass" or "n" in attributes:
+        return medium_of(
+            lens, 0, key, name, catalogues, nd=float(attributes["n"]), vd=float(attributes.get("v", 0.0))
+        )
+    maker = str(entry.get("__instance_type__", [""])[0]).rpartition(".")[2] or str(
+        attributes.get("_catalog", "")
+    )
+    if kind == "SchottGlass" and len(attributes.get("coefs", [])) == 6:
+        b1, b2, b3, c1, c2, c3 = _numbers(attributes["coefs"])
         poles = ((b1, 2.0, c1, 1.0), (b2, 2.0, c2, 1.0), (b3, 2.0, c3, 1.0))
         return FormulaGlass(powers=((1.0, 0.0),), poles=poles)
     return medium_of(lens, 0, key, name, catalogues, maker=maker)
 
 
-def _specification(lens: FileLens, told: dict[str, Any]) -> None:
-    pupil = _inside(told["pupil"])
+def _specification(lens: FileLens, attributes: dict[str, Any]) -> None:
+    pupil = _attributes(attributes["pupil"])
     key = pupil.get("key") or pupil.get("_key")
     kind = _APERTURES.get((key[-2], key[-1]))
     if kind is None:
         fail(lens.path, 0, "pupil", f"expected one of {list(_APERTURES)}, got {key}")
     lens.aperture = (kind, float(pupil["value"]))
-    field = _inside(told["field_of_view"])
-    place, what = (field.get("key") or field.get("_key"))[-2:]
+    field = _attributes(attributes["field_of_view"])
+    place, kind_of_field = (field.get("key") or field.get("_key"))[-2:]
     scale = abs(float(field.get("value", 1.0))) if field.get("is_relative") else 1.0
-    sizes = [scale * math.hypot(_inside(one)["x"], _inside(one)["y"]) for one in field.get("fields", [])]
-    lens.field = ("angle" if what == "angle" else str(place), max(sizes, default=0.0))
-    waves = _inside(told["spectral_region"])
+    sizes = [scale * math.hypot(_attributes(f)["x"], _attributes(f)["y"]) for f in field.get("fields", [])]
+    lens.field = ("angle" if kind_of_field == "angle" else str(place), max(sizes, default=0.0))
+    waves = _attributes(attributes["spectral_region"])
     lens.wavelength = float(waves["wavelengths"][int(waves.get("reference_wvl", 0))])

@@ -1,4 +1,4 @@
-"""The door of this room: a lens file of any known format to a prescription."""
+"""Import of lens files: any known format to a prescription. Entry point of this package."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from bokehnet.lenses.files.lentil import read_lentil
 from bokehnet.lenses.files.optiland import read_optiland
 from bokehnet.lenses.files.oslo import read_oslo
 from bokehnet.lenses.files.rayoptics import read_rayoptics
-from bokehnet.lenses.files.structure import FARTHEST, FileLens, to_prescription
+from bokehnet.lenses.files.structure import MAX_OBJECT_DISTANCE, FileLens, to_prescription
 from bokehnet.lenses.files.table import read_table
 from bokehnet.lenses.files.zemax import read_zemax
 from bokehnet.lenses.prescription_file import Prescription
@@ -21,7 +21,7 @@ __all__ = ["LENS_FILES", "ImportedLens", "import_lens", "is_lens_file"]
 
 _Reader = Callable[[Path, GlassCatalogues], FileLens]
 
-# Endings, and who reads them.
+# Readers by file suffix.
 LENS_FILES: dict[str, _Reader] = {
     ".zmx": read_zemax,
     ".seq": read_codev,
@@ -35,19 +35,19 @@ LENS_FILES: dict[str, _Reader] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ImportedLens:
-    """A lens of a file.
+    """Imported lens.
 
     Attributes:
-        prescription: In mm.
-        said: What was taken for granted, a sentence each.
-        skipped: Commands that were passed over, and how often.
-        millimetres: Of the file's unit of length.
-        object_distance: mm in front of the first surface; infinite where it is farther than 1e9 mm.
-        field_is_angle: Whether the file tells its field by an angle above 0.
+        prescription: Prescription, in mm.
+        notes: Assumptions of the import, a sentence each.
+        skipped: Ignored commands, with their counts.
+        millimetres: Millimetres per unit of length of the file.
+        object_distance: Distance of the object in front of the first surface, mm; infinite beyond 1e9 mm.
+        field_is_angle: True if the file gives its field by an angle above 0.
     """
 
     prescription: Prescription
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     skipped: dict[str, int]
     millimetres: float = 1.0
     object_distance: float = math.inf
@@ -55,47 +55,47 @@ class ImportedLens:
 
 
 def is_lens_file(path: str | Path) -> bool:
-    """Whether the ending is one of a lens file, with a position or without."""
-    return _position(Path(path))[0].suffix.lower() in LENS_FILES
+    """Return whether the suffix is that of a lens file, with or without a position."""
+    return _split_position(Path(path))[0].suffix.lower() in LENS_FILES
 
 
-def _position(path: Path) -> tuple[Path, int | None]:
-    """Path and position of ``lens.zmx@2``; None where none is told."""
-    name, mark, told = path.name.rpartition("@")
-    return (path.with_name(name), int(told)) if mark and name and told.isdigit() else (path, None)
+def _split_position(path: Path) -> tuple[Path, int | None]:
+    """Return path and position of ``lens.zmx@2``; the position is None if absent."""
+    name, mark, digits = path.name.rpartition("@")
+    return (path.with_name(name), int(digits)) if mark and name and digits.isdigit() else (path, None)
 
 
 def import_lens(path: str | Path, glasses: Sequence[str | Path] = ()) -> ImportedLens:
-    """Read a lens file of another program, told by its ending.
+    """Read a lens file of another program, identified by its suffix.
 
     Args:
         path: ``.zmx`` (Zemax), ``.seq`` (CODE V), ``.len`` (OSLO), ``.json`` (optiland), ``.roa``
             (ray-optics), ``.csv`` (a table of R, d, n, V) or ``.fx`` (lentil). ``lens.fx@2`` is the second
             position of a zoom; without a number it is the first.
-        glasses: Catalogues: AGF files, refractiveindex.info's YAML, folders of either. Those in the folder of
-            the lens file are looked at last.
+        glasses: Catalogues: AGF files, refractiveindex.info YAML, folders of either. AGF files in the folder
+            of the lens file are searched last.
 
     Raises:
-        LensError: The file cannot be read, or describes no lens that can be traced here; it names file, line
-            and key.
+        LensError: The file cannot be read, or describes no lens that can be traced; the message names file,
+            line and key.
     """
-    path, position = _position(Path(path))
+    path, position = _split_position(Path(path))
     reader = LENS_FILES.get(path.suffix.lower())
     if reader is None:
         raise LensError(f"{path}: expected a lens file that ends in {', '.join(LENS_FILES)}")
-    beside = sorted(path.parent.glob("*.[aA][gG][fF]"))
-    lens = reader(path, GlassCatalogues((*map(Path, glasses), *beside)))
+    local_catalogues = sorted(path.parent.glob("*.[aA][gG][fF]"))
+    lens = reader(path, GlassCatalogues((*map(Path, glasses), *local_catalogues)))
     count = len(lens.positions)
     lens = lens.at(1 if position is None else position)
     if count > 1 and position is None:
-        lens.said.append(f"the first of {count} positions; others are {path.name}@2 to {path.name}@{count}")
+        lens.notes.append(f"the first of {count} positions; others are {path.name}@2 to {path.name}@{count}")
     prescription = to_prescription(lens)
     distance = lens.surfaces[0].thickness * lens.millimetres
     return ImportedLens(
         prescription=prescription,
-        said=tuple(lens.said),
+        notes=tuple(lens.notes),
         skipped=dict(lens.skipped),
         millimetres=lens.millimetres,
-        object_distance=distance if abs(distance) < FARTHEST else math.inf,
+        object_distance=distance if abs(distance) < MAX_OBJECT_DISTANCE else math.inf,
         field_is_angle=lens.field is not None and lens.field[0] == "angle" and lens.field[1] > 0,
     )

@@ -1,8 +1,8 @@
-"""What a lens file of any format says, and how that becomes a prescription.
+"""Content of a lens file of any format, and its conversion to a prescription.
 
-Rows go from the object to the image, both of them rows as well. Formats differ in what they leave open: where
-the stop is a surface with a curvature, how wide it opens, and how wide the others are. That is settled here,
-by Gaussian optics, and said.
+Rows go from the object to the image, both included. Formats leave different things open: the position of the
+stop among curved surfaces, its size, and the sizes of the other surfaces. Gaussian optics completes them,
+with a note.
 """
 
 import dataclasses
@@ -17,13 +17,13 @@ from bokehnet.lenses.prescription_file import FocusRow, Prescription, SurfaceRow
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
 from bokehnet.optics.spectral.glass import D_LINE, Glass
 
-__all__ = ["FARTHEST", "FileLens", "FilePosition", "FileSurface", "fail", "to_prescription"]
+__all__ = ["MAX_OBJECT_DISTANCE", "FileLens", "FilePosition", "FileSurface", "fail", "to_prescription"]
 
-# Clear apertures that a file leaves open are those of Gaussian rays to the corner, and so much more; and no
-# surface is wider than this share of its radius.
-_WIDER, _WIDEST = 1.05, 0.98
-FARTHEST = 1e9  # mm; objects beyond are at infinity
-_FIELD = 10.0  # degrees, where a file tells none
+# Factor on the heights of paraxial rays to the corner for missing clear apertures, and maximum semi-diameter
+# over radius of curvature.
+_APERTURE_MARGIN, _MAX_HEIGHT_OVER_RADIUS = 1.05, 0.98
+MAX_OBJECT_DISTANCE = 1e9  # mm; objects beyond are at infinity
+_DEFAULT_FIELD_DEGREES = 10.0  # field of files without one
 
 
 @dataclass(kw_only=True)
@@ -31,18 +31,18 @@ class FileSurface:
     """One row of a lens file, in its own unit of length.
 
     Attributes:
-        line: Where it begins in the file, from 1.
-        radius: Of curvature; infinite is a plane.
-        thickness: To the next row.
-        medium: Behind it; None is air.
+        line: First line of the row in the file, from 1.
+        radius: Radius of curvature; infinite is a plane.
+        thickness: Distance to the next row.
+        medium: Medium behind the surface; None is air.
         conic: Conic constant.
         aspheric: Coefficients of the height to the powers 2, 4, 6, ...
-        odd: Those to the powers 3, 5, 7, ...
-        semi_diameter: Half of the clear aperture; None where the file does not tell.
-        inner_radius: Rays nearer to the axis are stopped.
-        mirror: Whether it reflects; files count distances against the light behind an odd number of mirrors.
-        stop: Whether the aperture stop is here.
-        comment: What the file calls it.
+        odd: Coefficients of the height to the powers 3, 5, 7, ...
+        semi_diameter: Half of the clear aperture; None if not given.
+        inner_radius: Radius below which rays are blocked.
+        mirror: True for a mirror; files count distances against the light behind an odd number of mirrors.
+        stop: True for the aperture stop.
+        comment: Name of the surface in the file.
     """
 
     line: int = 0
@@ -60,17 +60,17 @@ class FileSurface:
 
     @property
     def is_plane(self) -> bool:
-        """Whether it bends no light in one medium."""
+        """True if it is flat and not a mirror, so that it bends no light within one medium."""
         return math.isinf(self.radius) and not any((*self.aspheric, *self.odd)) and not self.mirror
 
 
 @dataclass(kw_only=True)
 class FilePosition:
-    """One position of a zoom, or of groups that move to focus; what it does not tell is that of the file.
+    """One position of a zoom or of floating groups; missing values are those of the file.
 
     Attributes:
-        thickness: By the number of the row; 0 is the distance of the object.
-        aperture: The number of the lens's ``aperture``.
+        thickness: Thickness by row number; 0 is the object distance.
+        aperture: Value of the ``aperture`` of the lens.
     """
 
     thickness: dict[int, float] = dataclasses.field(default_factory=dict)
@@ -79,21 +79,21 @@ class FilePosition:
 
 @dataclass(kw_only=True)
 class FileLens:
-    """What a lens file says.
+    """Content of a lens file.
 
     Attributes:
-        path: The file.
+        path: Path of the file.
         name: Title.
-        surfaces: From the object to the image, both included.
-        millimetres: Of the file's unit of length.
+        surfaces: Surfaces from the object to the image, both included.
+        millimetres: Millimetres per unit of length of the file.
         aperture: ("epd", diameter), ("f_number", N) for an object at infinity, ("working_f_number", N) for
-            the object of the file, ("object_na", sine), ("image_na", sine) or ("stop", 0.0): the stop's own
-            clear aperture.
+            the object of the file, ("object_na", sine), ("image_na", sine) or ("stop", 0.0): the clear
+            aperture of the stop itself.
         field: ("angle", degrees) from the axis, ("image", height) or ("object", height); the largest.
-        positions: Of a zoom, or of groups that move to focus; none where nothing moves.
-        wavelength: That focus and pupils are told for, nm.
-        said: What the reader has to say, a sentence each.
-        skipped: Commands that say nothing of the geometry and were passed over, and how often.
+        positions: Positions of a zoom or of floating groups; empty if nothing moves.
+        wavelength: Wavelength of focus and pupils, nm.
+        notes: Notes of the reader, a sentence each.
+        skipped: Ignored commands without effect on the geometry, with their counts.
     """
 
     path: Path
@@ -104,18 +104,18 @@ class FileLens:
     field: tuple[str, float] | None = None
     positions: list[FilePosition] = dataclasses.field(default_factory=list)
     wavelength: float = D_LINE
-    said: list[str] = dataclasses.field(default_factory=list)
+    notes: list[str] = dataclasses.field(default_factory=list)
     skipped: dict[str, int] = dataclasses.field(default_factory=dict)
 
     def skip(self, command: str) -> None:
-        """Count a command that was passed over."""
+        """Count an ignored command."""
         self.skipped[command] = self.skipped.get(command, 0) + 1
 
     def at(self, position: int) -> "FileLens":
-        """The lens with its groups in a position, counted from 1.
+        """Return the lens with its groups in a position, counted from 1.
 
         Raises:
-            LensError: There are not so many.
+            LensError: The position does not exist.
         """
         if not 1 <= position <= max(len(self.positions), 1):
             count = len(self.positions)
@@ -129,15 +129,15 @@ class FileLens:
             )
         if not self.positions:
             return self
-        told = self.positions[position - 1]
+        selected = self.positions[position - 1]
         surfaces = [
-            replace(surface, thickness=told.thickness.get(row, surface.thickness))
+            replace(surface, thickness=selected.thickness.get(row, surface.thickness))
             for row, surface in enumerate(self.surfaces)
         ]
         aperture = self.aperture
-        if aperture is not None and told.aperture is not None:
-            aperture = (aperture[0], told.aperture)
-        return replace(self, surfaces=surfaces, aperture=aperture, said=list(self.said))
+        if aperture is not None and selected.aperture is not None:
+            aperture = (aperture[0], selected.aperture)
+        return replace(self, surfaces=surfaces, aperture=aperture, notes=list(self.notes))
 
 
 def fail(path: Path, line: int, key: str, problem: str) -> NoReturn:
@@ -146,17 +146,19 @@ def fail(path: Path, line: int, key: str, problem: str) -> NoReturn:
 
 
 def to_prescription(lens: FileLens) -> Prescription:
-    """Return the prescription that a lens file describes, in mm, as it stands in its surfaces.
+    """Return the prescription of a lens file, in mm.
 
-    Positions that differ in the distance of their object are how the groups stand when it is focused there.
+    Positions that differ in the object distance become the floating positions for these focus distances.
 
     Raises:
-        LensError: Nothing is there to be a lens, it does not focus, or a row cannot be.
+        LensError: There are too few surfaces, the lens does not focus, or a row is invalid.
     """
     path = lens.path
-    between = len(lens.surfaces) - 2
-    if between < 1 or (between < 2 and not lens.surfaces[1].mirror):
-        fail(path, 0, "surfaces", f"expected two or more between object and image, got {max(between, 0)}")
+    surface_count = len(lens.surfaces) - 2
+    if surface_count < 1 or (surface_count < 2 and not lens.surfaces[1].mirror):
+        fail(
+            path, 0, "surfaces", f"expected two or more between object and image, got {max(surface_count, 0)}"
+        )
     object_distance = lens.surfaces[0].thickness * lens.millimetres
     rows = _rows(lens)
     stop = next(i for i, row in enumerate(rows) if row.stop)
@@ -172,11 +174,11 @@ def to_prescription(lens: FileLens) -> Prescription:
     pupil = abs(radius * gauss.stop_magnification)
     slope = _field_slope(lens, focal_length, object_distance, gauss)
     rows = _with_clear_apertures(lens, rows, gauss, pupil, slope)
-    distances = [one.thickness.get(0, lens.surfaces[0].thickness) for one in lens.positions]
+    distances = [at.thickness.get(0, lens.surfaces[0].thickness) for at in lens.positions]
     floating = len(distances) > 1 and len(set(distances)) == len(distances)
     prescription = Prescription(
         name=lens.name or path.stem,
-        source=f"{path.name}{': ' + '; '.join(lens.said) if lens.said else ''}",
+        source=f"{path.name}{': ' + '; '.join(lens.notes) if lens.notes else ''}",
         focal_length=abs(focal_length),
         f_number=abs(focal_length) / pupil / 2,
         image_radius=abs(focal_length) * slope,
@@ -190,13 +192,13 @@ def to_prescription(lens: FileLens) -> Prescription:
 
 
 def _floating(lens: FileLens, distances: Sequence[float]) -> tuple[FocusRow, ...]:
-    """How the groups stand for each distance of the object, nearest first."""
-    found = []
+    """Return the positions of the groups for each object distance, nearest first."""
+    rows = []
     for distance, position in sorted(zip(distances, range(1, len(distances) + 1), strict=True)):
-        away = distance * lens.millimetres
+        depth = distance * lens.millimetres
         gaps = tuple(row.thickness for row in _rows(lens.at(position)))
-        found.append(FocusRow(distance=away if away < FARTHEST else math.inf, thicknesses=gaps))
-    return tuple(found)
+        rows.append(FocusRow(distance=depth if depth < MAX_OBJECT_DISTANCE else math.inf, thicknesses=gaps))
+    return tuple(rows)
 
 
 def _check_shape(lens: FileLens, surface: FileSurface) -> None:
@@ -206,71 +208,81 @@ def _check_shape(lens: FileLens, surface: FileSurface) -> None:
         ("asphere", (*surface.aspheric, *surface.odd)),
         ("aperture", (surface.semi_diameter or 0.0, surface.inner_radius)),
     ):
-        wrong = [value for value in values if not math.isfinite(value)]
-        if wrong:
-            fail(lens.path, surface.line, key, f"expected a number, got {wrong[0]:g}")
+        invalid = [value for value in values if not math.isfinite(value)]
+        if invalid:
+            fail(lens.path, surface.line, key, f"expected a number, got {invalid[0]:g}")
 
 
 def _rows(lens: FileLens) -> list[SurfaceRow]:
-    """Rows in mm with one plane for the stop; planes that bend nothing are left out."""
+    """Return the rows in mm with one plane for the stop, without planes that bend no light."""
     for surface in lens.surfaces[1:-1]:
         _check_shape(lens, surface)
-    unit, inner = lens.millimetres, _seen_in_mirrors(lens.surfaces[1:-1])
-    if not any(surface.stop for surface in inner):
-        lens.said.append("no stop is told: it is put on the first surface")
-        inner[0].stop = True
+    unit, surfaces = lens.millimetres, _unfolded(lens.surfaces[1:-1])
+    if not any(surface.stop for surface in surfaces):
+        lens.notes.append("no stop given: the first surface is the stop")
+        surfaces[0].stop = True
     rows: list[SurfaceRow] = []
     before: Glass | None = None
-    for surface in inner:
-        bends = not surface.is_plane or surface.medium != before or surface.inner_radius > 0
-        stands = surface.thickness * unit
-        if not math.isfinite(stands):
+    for surface in surfaces:
+        has_effect = not surface.is_plane or surface.medium != before or surface.inner_radius > 0
+        thickness = surface.thickness * unit
+        if not math.isfinite(thickness):
             fail(lens.path, surface.line, "thickness", f"expected a number, got {surface.thickness:g}")
         if surface.radius == 0:
             fail(lens.path, surface.line, "radius", "expected a radius, or infinity for a plane, got 0")
         row = _row(surface, surface.medium, unit)
         plane = SurfaceRow(stop=True, thickness=0.0, semi_diameter=1.0, comment=surface.comment)
-        if surface.stop and not bends:
-            rows.append(replace(_in(plane, before), thickness=stands))
+        if surface.stop and not has_effect:
+            rows.append(replace(_with_medium(plane, before), thickness=thickness))
         elif surface.stop and (
             surface.mirror or surface.inner_radius or (before is None and surface.medium is not None)
         ):
-            rows += [_in(plane, before), row]
+            rows += [_with_medium(plane, before), row]
         elif surface.stop:
-            rows += [replace(row, thickness=0.0), replace(_in(plane, surface.medium), thickness=stands)]
-        elif bends:
+            rows += [
+                replace(row, thickness=0.0),
+                replace(_with_medium(plane, surface.medium), thickness=thickness),
+            ]
+        elif has_effect:
             rows.append(row)
         elif rows:
-            rows[-1] = replace(rows[-1], thickness=rows[-1].thickness + stands)
+            rows[-1] = replace(rows[-1], thickness=rows[-1].thickness + thickness)
         before = surface.medium
-    for row, surface in ((row, surface) for row in rows for surface in inner if row.thickness < 0):
+    for row, surface in ((row, surface) for row in rows for surface in surfaces if row.thickness < 0):
         if not row.stop and surface.thickness * unit == row.thickness:
-            way = "along the light" if any(one.mirror for one in inner) else "to the next surface"
-            fail(lens.path, surface.line, "thickness", f"expected 0 or more {way}, got {surface.thickness:g}")
+            direction = (
+                "along the light" if any(other.mirror for other in surfaces) else "to the next surface"
+            )
+            fail(
+                lens.path,
+                surface.line,
+                "thickness",
+                f"expected 0 or more {direction}, got {surface.thickness:g}",
+            )
     return rows
 
 
-def _seen_in_mirrors(surfaces: Sequence[FileSurface]) -> list[FileSurface]:
-    """The surfaces with radii and distances along the light: turned behind every mirror."""
-    turn, seen = 1.0, []
+def _unfolded(surfaces: Sequence[FileSurface]) -> list[FileSurface]:
+    """Return the surfaces of the unfolded system, with radii and distances along the light."""
+    direction, unfolded = 1.0, []
     for surface in surfaces:
-        shape = turn
-        turn = -turn if surface.mirror else turn
-        seen.append(
+        shape = direction
+        direction = -direction if surface.mirror else direction
+        unfolded.append(
             replace(
                 surface,
                 radius=shape * surface.radius if math.isfinite(surface.radius) else math.inf,
                 aspheric=tuple(shape * a for a in surface.aspheric),
                 odd=tuple(shape * a for a in surface.odd),
-                thickness=turn * surface.thickness + 0.0,
+                thickness=direction * surface.thickness + 0.0,
             )
         )
-    return seen
+    return unfolded
 
 
 def _row(surface: FileSurface, medium: Glass | None, unit: float) -> SurfaceRow:
-    known = surface.semi_diameter
-    return _in(
+    semi_diameter = surface.semi_diameter
+    return _with_medium(
         SurfaceRow(
             radius=surface.radius * unit,
             thickness=surface.thickness * unit,
@@ -281,7 +293,9 @@ def _row(surface: FileSurface, medium: Glass | None, unit: float) -> SurfaceRow:
             odd=tuple(a * unit ** (-2 - 2 * i) for i, a in enumerate(surface.odd))
             if any(surface.odd)
             else (),
-            semi_diameter=known * unit if known is not None and known > 0 else math.nan,
+            semi_diameter=semi_diameter * unit
+            if semi_diameter is not None and semi_diameter > 0
+            else math.nan,
             mirror=surface.mirror,
             inner_radius=surface.inner_radius * unit,
             comment=surface.comment,
@@ -290,8 +304,8 @@ def _row(surface: FileSurface, medium: Glass | None, unit: float) -> SurfaceRow:
     )
 
 
-def _in(row: SurfaceRow, medium: Glass | None) -> SurfaceRow:
-    """The row with a medium behind it."""
+def _with_medium(row: SurfaceRow, medium: Glass | None) -> SurfaceRow:
+    """Return the row with a medium behind it."""
     if medium is None:
         return row
     key = {"AbbeGlass": "abbe", "SellmeierGlass": "sellmeier", "SchottGlass": "schott"}
@@ -307,16 +321,16 @@ def _in(row: SurfaceRow, medium: Glass | None) -> SurfaceRow:
 
 
 def _gauss(lens: FileLens, rows: Sequence[SurfaceRow], stop_radius: float) -> ParaxialLens:
-    made = Prescription(
+    prescription = Prescription(
         name="", source="", focal_length=1.0, f_number=1.0, image_radius=1.0, surfaces=tuple(rows)
     )
-    return paraxial_lens(made.trace_surfaces(lens.wavelength, stop_radius))
+    return paraxial_lens(prescription.trace_surfaces(lens.wavelength, stop_radius))
 
 
 def _stop_radius(
     lens: FileLens, stop: SurfaceRow, gauss: ParaxialLens, focal_length: float, object_distance: float
 ) -> float:
-    """Radius of the stop, mm, that gives the aperture of the file."""
+    """Return the radius of the stop, mm, for the aperture of the file."""
     kind, value = lens.aperture or ("stop", 0.0)
     entrance = abs(float(gauss.stop_magnification))
     if kind == "stop":
@@ -339,8 +353,8 @@ def _stop_radius(
 
 
 def _image_slope(gauss: ParaxialLens, focal_length: float, object_distance: float) -> float:
-    """Slope at the image, over 1 mm of radius of the entrance pupil, of light from the object on the axis."""
-    if abs(object_distance) > FARTHEST:
+    """Return the slope at the image of axial light, per mm of radius of the entrance pupil."""
+    if abs(object_distance) > MAX_OBJECT_DISTANCE:
         return 1 / abs(focal_length)
     to_pupil = object_distance + float(gauss.entrance.position)
     to_plane = object_distance + float(gauss.cardinal.front_principal)
@@ -348,12 +362,12 @@ def _image_slope(gauss: ParaxialLens, focal_length: float, object_distance: floa
 
 
 def _field_slope(lens: FileLens, focal_length: float, object_distance: float, gauss: ParaxialLens) -> float:
-    """Tangent of the angle between the axis and the corner of the picture, seen from the entrance pupil."""
+    """Return the tangent of the half angle of view to the corner, from the entrance pupil."""
     kind, value = lens.field or ("angle", 0.0)
     value = abs(value)
     if value == 0 or (kind == "angle" and value >= 89):
-        lens.said.append(f"no field that a flat picture holds is told: {_FIELD:g} degrees are taken")
-        kind, value = "angle", _FIELD
+        lens.notes.append(f"no field below 89 degrees given: {_DEFAULT_FIELD_DEGREES:g} degrees assumed")
+        kind, value = "angle", _DEFAULT_FIELD_DEGREES
     if kind == "angle":
         return math.tan(math.radians(value))
     height = value * lens.millimetres
@@ -365,25 +379,25 @@ def _field_slope(lens: FileLens, focal_length: float, object_distance: float, ga
 def _with_clear_apertures(
     lens: FileLens, rows: list[SurfaceRow], gauss: ParaxialLens, pupil: float, slope: float
 ) -> list[SurfaceRow]:
-    """The rows with all clear apertures, mm: those of the file, else what Gaussian rays need."""
-    made = Prescription(
+    """Return the rows with all clear apertures, mm: those of the file, else the heights of paraxial rays."""
+    prescription = Prescription(
         name="", source="", focal_length=1.0, f_number=1.0, image_radius=1.0, surfaces=tuple(rows)
     )
     marginal, chief = (pupil, 0.0), (-float(gauss.entrance.position) * slope, slope)
-    place, index, found, guessed = 0.0, 1.0, [], 0
-    for row, surface in zip(rows, made.trace_surfaces(lens.wavelength), strict=True):
+    place, index, completed, computed = 0.0, 1.0, [], 0
+    for row, surface in zip(rows, prescription.trace_surfaces(lens.wavelength), strict=True):
         gap = (surface.vertex - place) / index
         marginal, chief = ((y + gap * nu, nu) for y, nu in (marginal, chief))
         place, index = surface.vertex, surface.behind
         power = float(surface.power)
-        needed = _WIDER * (abs(float(marginal[0])) + abs(float(chief[0])))
+        ray_height = _APERTURE_MARGIN * (abs(float(marginal[0])) + abs(float(chief[0])))
         marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
         size = row.semi_diameter
         if math.isnan(size):
-            size, guessed = max(needed, 1.01 * row.inner_radius, 1e-6), guessed + 1
+            size, computed = max(ray_height, 1.01 * row.inner_radius, 1e-6), computed + 1
         if not row.stop and (1 + row.conic) > 0:
-            size = min(size, _WIDEST * abs(row.radius) / math.sqrt(1 + row.conic))
-        found.append(replace(row, semi_diameter=size))
-    if guessed:
-        lens.said.append(f"clear apertures of {guessed} surfaces are ours, by rays to the corner")
-    return found
+            size = min(size, _MAX_HEIGHT_OVER_RADIUS * abs(row.radius) / math.sqrt(1 + row.conic))
+        completed.append(replace(row, semi_diameter=size))
+    if computed:
+        lens.notes.append(f"clear apertures of {computed} surfaces computed from rays to the corner")
+    return completed

@@ -1,9 +1,9 @@
-"""A table as patents print it, ``.csv``: R, d, n, V, one row a surface.
+"""Patent table, ``.csv``: R, d, n, V, one row per surface.
 
-The first row that is no remark names the columns: R (radius; 0, inf or empty is a plane), d (to the next), n
-(index at the d line; empty or 1 is air), V (Abbe number), and, where they are known, D (diameter of the clear
-aperture), K (conic constant) and A4, A6, ... (powers of the height). A row of the stop has ``stop`` in place
-of a radius, and one of a mirror has ``mirror`` in place of an index. Remarks tell the rest::
+The first row that is not a comment names the columns: R (radius; 0, inf or empty is a plane), d (to the
+next), n (index at the d line; empty or 1 is air), V (Abbe number), and optionally D (diameter of the clear
+aperture), K (conic constant) and A4, A6, ... (powers of the height). The row of the stop has ``stop`` instead
+of a radius, and that of a mirror has ``mirror`` instead of an index. Comments contain other values::
 
     # name = Petzval
     # f_number = 2.0
@@ -28,7 +28,7 @@ def read_table(path: Path, catalogues: GlassCatalogues) -> FileLens:
     """Read a table of radii, distances, indices and Abbe numbers, in mm.
 
     Raises:
-        LensError: It is none, or a number is none.
+        LensError: The file is not such a table, or a number is invalid.
     """
     lens = FileLens(path=path, surfaces=[FileSurface(thickness=math.inf)])
     names: list[str] = []
@@ -51,14 +51,14 @@ def read_table(path: Path, catalogues: GlassCatalogues) -> FileLens:
 
 def _columns(path: Path, line: int, text: str) -> list[str]:
     names = [cell.strip() for cell in next(csv.reader([text]))]
-    found = ["DIAMETER" if name == "D" else name.upper() for name in names]
-    for name, wanted in (("R", "R"), ("D", "d"), ("N", "n")):
-        if name not in found:
-            fail(path, line, wanted, f"expected a column {wanted}, got {', '.join(names)[:60]}")
-    for name, key in zip(names, found, strict=True):
+    keys = ["DIAMETER" if name == "D" else name.upper() for name in names]
+    for name, label in (("R", "R"), ("D", "d"), ("N", "n")):
+        if name not in keys:
+            fail(path, line, label, f"expected a column {label}, got {', '.join(names)[:60]}")
+    for name, key in zip(names, keys, strict=True):
         if key not in _COLUMNS and not (key.startswith("A") and key[1:].isdigit()):
             fail(path, line, name, "expected R, d, n, V, D, K or A4, A6, ...")
-    return found
+    return keys
 
 
 def _remark(lens: FileLens, line: int, text: str) -> None:

@@ -1,6 +1,6 @@
 """Zemax and OpticStudio, ``.zmx``: sequential lenses of spheres, conics and even aspheres.
 
-Source: the file format as "OpticStudio user manual" tells it of ``.ZMX`` files, and files themselves.
+Source: the description of ``.ZMX`` files in the "OpticStudio user manual", and files themselves.
 """
 
 import math
@@ -17,15 +17,16 @@ __all__ = ["read_zemax"]
 
 _UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "M": 1000.0, "METER": 1000.0}
 _FIELDS = {0: "angle", 1: "object", 2: "image", 3: "image"}
-# Surfaces whose shape is known, and how many powers their parameters tell.
+# Supported surface types, with their number of polynomial coefficients.
 _SHAPES = {"STANDARD": 0, "EVENASPH": 8, "ODDASPHE": 8, "QED_TYPE": 0}
 
 
 def read_zemax(path: Path, catalogues: GlassCatalogues) -> FileLens:
-    """Read a sequential lens of Zemax.
+    """Read a sequential Zemax lens.
 
     Raises:
-        LensError: It is none, or has surfaces that are no spheres, conics or even aspheres about one axis.
+        LensError: The file is not a lens, or has surfaces other than spheres, conics or even aspheres about
+            one axis.
     """
     lens = FileLens(path=path)
     state = _State(lens, catalogues)
@@ -34,7 +35,7 @@ def read_zemax(path: Path, catalogues: GlassCatalogues) -> FileLens:
         if not key:
             continue
         try:
-            state.take(line, key.upper(), rest.split(), rest)
+            state.read_command(line, key.upper(), rest.split(), rest)
         except LensError:
             raise
         except (ValueError, IndexError) as error:
@@ -43,7 +44,7 @@ def read_zemax(path: Path, catalogues: GlassCatalogues) -> FileLens:
 
 
 class _State:
-    """What has been read so far."""
+    """State of reading a file."""
 
     def __init__(self, lens: FileLens, catalogues: GlassCatalogues) -> None:
         self.lens, self.catalogues = lens, catalogues
@@ -54,8 +55,8 @@ class _State:
         self.moving: dict[int, dict[int, float]] = {}
         self.field_kind, self.fields = 0, [0.0]
 
-    def take(self, line: int, key: str, words: list[str], rest: str) -> None:
-        """Take one command."""
+    def read_command(self, line: int, key: str, words: list[str], rest: str) -> None:
+        """Read one command."""
         lens = self.lens
         if key == "SURF":
             lens.surfaces.append(FileSurface(line=line))
@@ -87,23 +88,23 @@ class _State:
         elif key == "THIC" and len(words) > 2:
             row, position = int(number(words[0])), int(number(words[1]))
             self.moving.setdefault(position, {})[row] = number(words[2])
-        elif lens.surfaces and self.of_surface(line, key, words, rest):
+        elif lens.surfaces and self.read_surface_command(line, key, words, rest):
             return
         else:
             lens.skip(key)
 
-    def of_surface(self, line: int, key: str, words: list[str], rest: str) -> bool:
-        """Take a command of the last surface; False where it is none that counts."""
+    def read_surface_command(self, line: int, key: str, words: list[str], rest: str) -> bool:
+        """Read a command of the last surface; return False if it is irrelevant."""
         lens, surface = self.lens, self.lens.surfaces[-1]
         if key == "TYPE":
             self.kind = words[0].upper()
             if self.kind not in _SHAPES and self.kind != "COORDBRK":
-                known = ", ".join(_SHAPES)
+                supported = ", ".join(_SHAPES)
                 fail(
                     lens.path,
                     line,
                     key,
-                    f"expected one of {known}, got {self.kind}: its shape is not known here",
+                    f"expected one of {supported}, got {self.kind}, which is not supported",
                 )
         elif key == "STOP":
             surface.stop = True
@@ -116,7 +117,7 @@ class _State:
             surface.thickness = number(words[0])
         elif key == "DIAM":
             surface.semi_diameter = number(words[0]) or None
-        elif key in ("OBSC", "CLAP"):  # smallest and largest radius: of what is dark, or of what is clear
+        elif key in ("OBSC", "CLAP"):  # inner and outer radius of the obscuration, or of the clear area
             sizes = [number(word) for word in words[:2]]
             surface.inner_radius = sizes[1] if key == "OBSC" else sizes[0]
             if key == "CLAP":
@@ -126,8 +127,8 @@ class _State:
         elif key == "GLAS":
             self.glass(line, words)
         elif key == "XDAT" and self.kind == "QED_TYPE":
-            own = self.forbes.setdefault(len(lens.surfaces) - 1, {})
-            own[int(number(words[0]))] = number(words[1])
+            terms = self.forbes.setdefault(len(lens.surfaces) - 1, {})
+            terms[int(number(words[0]))] = number(words[1])
         elif key == "PARM":
             self.parameter(line, int(number(words[0])), number(words[1]))
         else:
@@ -135,21 +136,21 @@ class _State:
         return True
 
     def glass(self, line: int, words: list[str]) -> None:
-        """Take a glass or a mirror; index and Abbe number are those of a model, or what Zemax fills in."""
+        """Read a glass or a mirror; index and Abbe number are those of a model or defaults of Zemax."""
         surfaces = self.lens.surfaces
         if words[0].upper() == "MIRROR":
             surfaces[-1].mirror, surfaces[-1].medium = True, surfaces[-2].medium
             return
-        given = [number(word) for word in words[1:5]]
-        model = len(given) == 4 and given[0] >= 1
-        told = len(given) == 4 and (model or given[2:] != [1.5, 40.0]) and given[2] > 1
-        nd, vd = (given[2], given[3]) if told else (None, None)
+        values = [number(word) for word in words[1:5]]
+        model = len(values) == 4 and values[0] >= 1
+        has_index = len(values) == 4 and (model or values[2:] != [1.5, 40.0]) and values[2] > 1
+        nd, vd = (values[2], values[3]) if has_index else (None, None)
         self.lens.surfaces[-1].medium = medium_of(
             self.lens, line, "GLAS", words[0], self.catalogues, nd=nd, vd=vd
         )
 
     def parameter(self, line: int, index: int, value: float) -> None:
-        """Take a parameter of the surface's shape."""
+        """Read a parameter of the shape of the surface."""
         surface = self.lens.surfaces[-1]
         if value == 0:
             return
@@ -163,37 +164,37 @@ class _State:
             fail(self.lens.path, line, "PARM", "expected a surface without a tip, got a power of 1")
         elif self.kind == "ODDASPHE" and index <= _SHAPES["ODDASPHE"]:
             name, place = ("odd", (index - 3) // 2) if index % 2 else ("aspheric", index // 2 - 1)
-            held = getattr(surface, name)
-            powers = [*held, *[0.0] * (place + 1 - len(held))]
+            existing = getattr(surface, name)
+            powers = [*existing, *[0.0] * (place + 1 - len(existing))]
             powers[place] = value
             setattr(surface, name, tuple(powers))
 
-    def q_type(self, surface: FileSurface, told: dict[int, float]) -> None:
-        """Take a Q-type asphere: its kind, how many terms, the radius that they span, and the terms."""
-        terms = [told.get(3 + i, 0.0) for i in range(1, int(told.get(2, 0)) + 1)]
-        if told.get(1, 0.0) == 0:
-            surface.aspheric = strong_powers(terms, told[3])
-        elif told[3] < 0.9 * abs(surface.radius):  # it is told from a sphere, whatever conic stands beside it
-            surface.conic, surface.aspheric = 0.0, mild_powers(terms, told[3], 1 / surface.radius)
+    def q_type(self, surface: FileSurface, parameters: dict[int, float]) -> None:
+        """Read a Q-type asphere: its kind, number of terms, normalization radius, and the terms."""
+        terms = [parameters.get(3 + i, 0.0) for i in range(1, int(parameters.get(2, 0)) + 1)]
+        if parameters.get(1, 0.0) == 0:
+            surface.aspheric = strong_powers(terms, parameters[3])
+        elif parameters[3] < 0.9 * abs(surface.radius):  # relative to a sphere; the conic constant is ignored
+            surface.conic, surface.aspheric = 0.0, mild_powers(terms, parameters[3], 1 / surface.radius)
         else:
             limit = f"{0.9 * abs(surface.radius):g}"
             fail(
                 self.lens.path,
                 surface.line,
                 "XDAT",
-                f"expected a radius of terms below {limit}, got {told[3]:g}",
+                f"expected a radius of terms below {limit}, got {parameters[3]:g}",
             )
 
     def finish(self) -> FileLens:
-        """Return the lens, with what counts for all of it."""
+        """Return the lens, with properties of the whole file."""
         lens = self.lens
         if not lens.surfaces:
             fail(lens.path, 0, "SURF", "expected surfaces, got none; is this a lens of Zemax?")
-        for place, told in self.forbes.items():
-            self.q_type(lens.surfaces[place], told)
-        known = self.wavelengths.get(self.primary) or next(iter(self.wavelengths.values()), None)
-        if known:
-            lens.wavelength = known
+        for place, parameters in self.forbes.items():
+            self.q_type(lens.surfaces[place], parameters)
+        wavelength = self.wavelengths.get(self.primary) or next(iter(self.wavelengths.values()), None)
+        if wavelength:
+            lens.wavelength = wavelength
         lens.field = (_FIELDS.get(self.field_kind, "angle"), max(map(abs, self.fields)))
         lens.positions = [
             FilePosition(thickness=self.moving.get(i, {})) for i in range(1, self.configurations + 1)
@@ -201,5 +202,5 @@ class _State:
         if not self.moving:
             lens.positions = []
             if self.configurations > 1:
-                lens.said.append(f"of {self.configurations} configurations no distances are told")
+                lens.notes.append(f"no distances given for {self.configurations} configurations")
         return lens

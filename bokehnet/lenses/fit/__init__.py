@@ -1,5 +1,5 @@
-"""A look from a photograph: the shape of the opening and its colours, fitted to the discs of lamps.
+"""Fit of aperture shape and colour aberrations to the blurred lamps of a photograph.
 
-In goes a scene-linear picture with blurred lamps (:func:`find_discs` looks for them), out comes what the
-aperture and colour settings take, with uncertainties and the discs as they were fitted.
+Input: a scene-linear picture with blurred lamps (:func:`find_discs` detects them). Output: values of the
+aperture and colour settings, with uncertainties and the fitted discs.
 """

@@ -1,4 +1,4 @@
-"""How many blades an opening has, judged on lamps that it was not fitted to."""
+"""Choice of the number of blades by cross-validation over lamps."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,14 +10,14 @@ from bokehnet.lenses.fit.disc_problem import DiscProblem, Window
 
 __all__ = ["BLADE_NAMES", "choose_blades"]
 
-# What blades have, and a round opening has not.
+# Parameters that only apertures with blades have.
 BLADE_NAMES = ("curvature", "rotation")
 
-# Blades must leave less than a round opening by so many standard errors of the mean over lamps.
-_SURE = 2.0
-# Steps of a fit to half of the lamps, and of a place alone.
-_STEPS, _FEW_STEPS = 20, 12
-# Side of the squares of pixels by which a single lamp is halved: the blocks of JPEG.
+# Minimum improvement of blades over a round aperture, in standard errors of the mean over lamps.
+_MIN_STANDARD_ERRORS = 2.0
+# Iterations of a fit to half of the lamps, and of a fit of positions only.
+_ITERATIONS, _POSITION_ITERATIONS = 20, 12
+# Side of the blocks by which the pixels of a single lamp are halved, pixels: the blocks of JPEG.
 _BLOCK = 8
 
 
@@ -29,23 +29,24 @@ def choose_blades(
     size: tuple[int, int],
     side: int,
 ) -> Look:
-    """Choose among numbers of blades: the one that leaves least, where it beats a round opening.
+    """Return the look with the number of blades of the smallest residual, if it beats a round aperture.
 
-    Noise, too, looks a little like blades, and its pixels are not independent. So the opening is fitted to
-    every second lamp and judged on the others, of which only the places are fitted, and the other way round:
-    blades are there where those lamps are left less by them. A single lamp is halved by blocks of pixels.
+    Noise can resemble blades, and its pixels are not independent. Therefore the aperture is fitted to
+    every second lamp and evaluated on the others, where only the positions are fitted, and vice versa:
+    blades are accepted if they reduce the residual of those lamps. The pixels of a single lamp are halved by
+    blocks.
 
     Args:
-        looks: Where each number of blades begins, by number; 0 is a round opening. Without it no number is
-            doubted.
-        names: What is fitted of a look besides blades.
+        looks: Start of each number of blades, by number; 0 is a round aperture. Without 0, the best number is
+            accepted without comparison.
+        names: Fitted parameters of a look other than those of blades.
         windows: Pixels around the lamps.
-        places: Middles and radii to begin with, (lamps, 3).
+        places: Initial centres and radii, (lamps, 3).
         size: Width and height of the photograph.
-        side: Of the focus, 1 in front, -1 behind.
+        side: Side of the focus, 1 in front, -1 behind.
 
     Returns:
-        The look as all these lamps have it.
+        The look fitted to all these lamps.
 
     Source:
         Stone, "Cross-validatory choice and assessment of statistical predictions", J. R. Stat. Soc. B, 1974.
@@ -53,21 +54,25 @@ def choose_blades(
     solved, by_lamp = {}, {}
     for count, look in looks.items():
         problem = DiscProblem(_free(names, count), look, windows, size, side)
-        values = problem.solve(places, _STEPS).values
+        values = problem.solve(places, _ITERATIONS).values
         solved[count] = problem.look(values), problem.places(values), problem.well_fitted(values)
         pairs = zip(solved[count][1], windows, strict=True)
-        by_lamp[count] = np.median([np.mean(problem.one(solved[count][0], *pair) ** 2) for pair in pairs])
-    # By the middle one of the lamps: one that was lost must not tell.
+        by_lamp[count] = np.median(
+            [np.mean(problem.disc_residuals(solved[count][0], *pair) ** 2) for pair in pairs]
+        )
+    # The median over lamps, to ignore a lamp whose fit failed.
     best = min(by_lamp, key=lambda count: by_lamp[count])
     if best and 0 in looks:
         kept = solved[best][2]
-        judged = [window for window, good in zip(windows, kept, strict=True) if good]
+        evaluated = [window for window, good in zip(windows, kept, strict=True) if good]
         by_blades, by_round = (
-            _left_of_others(names, count, solved[count][0], judged, solved[best][1][kept], size, side)
+            _validation_residuals(
+                names, count, solved[count][0], evaluated, solved[best][1][kept], size, side
+            )
             for count in (best, 0)
         )
         gain = (by_round - by_blades) / by_round
-        if not gain.mean() > _SURE * gain.std(ddof=1) / math.sqrt(len(gain)):
+        if not gain.mean() > _MIN_STANDARD_ERRORS * gain.std(ddof=1) / math.sqrt(len(gain)):
             best = 0
     return solved[best][0]
 
@@ -76,7 +81,7 @@ def _free(names: Sequence[str], count: int) -> list[str]:
     return [*names, *(BLADE_NAMES if count else ())]
 
 
-def _left_of_others(
+def _validation_residuals(
     names: Sequence[str],
     count: int,
     start: Look,
@@ -85,28 +90,30 @@ def _left_of_others(
     size: tuple[int, int],
     side: int,
 ) -> np.ndarray:
-    """What a look leaves of each lamp that it was not fitted to, (lamps,); of each half of a single one."""
+    """Return the residual of each lamp, or half lamp, under a look fitted to the others, (lamps,)."""
     free = _free(names, count)
     if len(windows) == 1:
         halves = [_half(windows[0], odd) for odd in (0, 1)]
-        left = []
+        residuals = []
         for first, other in (halves, halves[::-1]):
             problem = DiscProblem(free, start, [first], size, side)
-            values = problem.solve(places, _STEPS).values
-            left.append((problem.one(problem.look(values), problem.places(values)[0], other) ** 2).sum())
-        return np.array(left)
-    found = np.zeros(len(windows))
+            values = problem.solve(places, _ITERATIONS).values
+            residuals.append(
+                (problem.disc_residuals(problem.look(values), problem.places(values)[0], other) ** 2).sum()
+            )
+        return np.array(residuals)
+    costs = np.zeros(len(windows))
     for odd in (0, 1):
         own = [window for number, window in enumerate(windows) if number % 2 == odd]
         problem = DiscProblem(free, start, own, size, side)
-        look = problem.look(problem.solve(places[odd::2], _STEPS).values)
+        look = problem.look(problem.solve(places[odd::2], _ITERATIONS).values)
         for number in range(1 - odd, len(windows), 2):
-            alone = DiscProblem([], look, [windows[number]], size, side)
-            found[number] = alone.solve(places[number : number + 1], _FEW_STEPS).cost
-    return found
+            single = DiscProblem([], look, [windows[number]], size, side)
+            costs[number] = single.solve(places[number : number + 1], _POSITION_ITERATIONS).cost
+    return costs
 
 
 def _half(window: Window, odd: int) -> Window:
-    """Every second square of pixels."""
+    """Return every second block of pixels."""
     kept = (np.floor(window.x / _BLOCK) + np.floor(window.y / _BLOCK)) % 2 == odd
     return Window(window.x[kept], window.y[kept], window.light[kept], window.scale)

@@ -1,4 +1,4 @@
-"""The disc that an opening makes of a lamp, smooth in all its parameters."""
+"""Model of the blur disc of a lamp, smooth in all its parameters."""
 
 import math
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ __all__ = ["LOOK", "Look", "draw_disc", "edge_depth"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Look:
-    """What all discs of a photograph share; names and units are those of the settings.
+    """Parameters shared by all discs of a photograph; names and units are those of the settings.
 
     Attributes:
-        blades: Number of blades; 0 is a round opening.
-        curvature: 0 for straight blades to 1 for a disc.
-        rotation: Degrees, counter-clockwise.
+        blades: Number of blades; 0 is a round aperture.
+        curvature: Curvature of the blades, from 0 (straight) to 1 (disc).
+        rotation: Rotation, degrees, counter-clockwise.
         spherical_profile: Light at the rim of discs behind focus, -1 to 1.
-        obstruction: Radius of the dark core, of the disc's.
-        cats_eye: Displacement of the second pupil disc in the corner, in radii.
-        axial: Percent of the half-diagonal.
-        lateral: Percent of the half-diagonal.
-        softness: Standard deviation of what blurs the edges, pixels: the lamp's size, the sensor.
+        obstruction: Radius of the dark core, disc radii.
+        cats_eye: Shift of the second pupil disc in the corner, disc radii.
+        axial: Axial chromatic aberration, percent of the half-diagonal.
+        lateral: Lateral chromatic aberration, percent of the half-diagonal.
+        softness: Standard deviation of the blur of the edges, pixels: lamp size and sensor.
     """
 
     blades: int = 0
@@ -37,7 +37,7 @@ class Look:
     softness: float = 0.4
 
 
-# Name, smallest and largest value, and the step of its derivative.
+# Name: lower and upper bound, and step of finite differences.
 LOOK = {
     "curvature": (0.0, 1.0, 2e-3),
     "rotation": (-math.inf, math.inf, 0.1),
@@ -58,15 +58,15 @@ def draw_disc(
     radius: float,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """Return the light of a disc at pixels, 1 where an evenly lit one is open.
+    """Return the light of a disc at pixels, 1 inside an evenly lit one.
 
     Args:
-        look: The opening.
+        look: Parameters of the disc.
         x: Columns of a grid of pixels, (h, w).
-        y: Rows.
-        middle: Of the disc, x and y.
-        radius: Signed, pixels, positive in front of focus.
-        size: Width and height of the whole photograph.
+        y: Rows of a grid of pixels, (h, w).
+        middle: Centre of the disc, x and y, pixels.
+        radius: Signed radius, pixels, positive in front of focus.
+        size: Width and height of the whole photograph, pixels.
     """
     u, v = (x - middle[0]) / radius, (y - middle[1]) / radius
     square = u * u + v * v
@@ -78,11 +78,11 @@ def draw_disc(
         light = light * (1 - _soft(look.obstruction**2 - square, 2 * np.sqrt(square), radius, spread))
     if look.cats_eye > 0:
         right, down = cats_eye_shift(look.cats_eye, middle[0], middle[1], *size)
-        away = (u - right) ** 2 + (v - down) ** 2
-        edges.append((1 - away, 2 * np.sqrt(away)))
+        square_distance = (u - right) ** 2 + (v - down) ** 2
+        edges.append((1 - square_distance, 2 * np.sqrt(square_distance)))
     if look.blades:
-        turn = math.radians(look.rotation)
-        a, b = u * math.cos(turn) - v * math.sin(turn), u * math.sin(turn) + v * math.cos(turn)
+        angle = math.radians(look.rotation)
+        a, b = u * math.cos(angle) - v * math.sin(angle), u * math.sin(angle) + v * math.cos(angle)
         edges.append(blade_margin(look.blades, look.curvature, a, b, square))
     else:  # blades stay within the circle, and share its corners
         edges.append((1 - square, 2 * np.sqrt(square)))
@@ -92,7 +92,7 @@ def draw_disc(
 
 
 def edge_depth(blades: int, curvature: float) -> float:
-    """How far the middle of a blade's edge lies within the circle, radii; straight: 1 - cos(pi / blades)."""
+    """Return the depth of a blade edge inside the circle, radii; 1 - cos(pi / blades) if straight."""
     low, high = math.cos(math.pi / blades), 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
@@ -103,8 +103,8 @@ def edge_depth(blades: int, curvature: float) -> float:
 
 
 def _soft(margin: np.ndarray, slope: np.ndarray, radius: float, spread: float) -> np.ndarray:
-    """Share of a pixel that lies where ``margin`` is above 0: the normal distribution of the distance."""
+    """Return the fraction of a pixel with ``margin`` above 0: the normal distribution of the distance."""
     distance = margin / np.maximum(slope, 1e-3) * abs(radius) / spread
     # Within 2e-3 of the integral; Bowling et al., 2009.
-    share: np.ndarray = 1 / (1 + np.exp(-np.clip(1.5976 * distance + 0.07056 * distance**3, -40, 40)))
-    return share
+    fraction: np.ndarray = 1 / (1 + np.exp(-np.clip(1.5976 * distance + 0.07056 * distance**3, -40, 40)))
+    return fraction

@@ -1,4 +1,4 @@
-"""Pixels around the discs of a photograph, and what a look leaves of them."""
+"""Least-squares problem of a look: pixels around the discs of a photograph, residuals and derivatives."""
 
 import dataclasses
 import math
@@ -16,17 +16,17 @@ from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 __all__ = ["CLIPPED", "DiscProblem", "Window", "box_of", "window_of"]
 
-# Light from which a photograph is clipped.
+# Light from which on a photograph counts as clipped.
 CLIPPED = 0.985
-# Windows reach so many radii from the middle of a disc.
-_REACH = 1.35
-# Discs of which so many times as much is left as of the middle one are given up.
-_STRAY = 2.5
+# Half-width of a window, in disc radii.
+_WINDOW_RADII = 1.35
+# Upper bound of the residual of a disc over the median residual; worse discs are rejected.
+_MAX_RELATIVE_RESIDUAL = 2.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Pixels around one disc: columns and rows (N,), light (N, C), and the scale of the disc's light."""
+    """Pixels around one disc: columns and rows (N,), light (N, C), and the scale of its light (C,)."""
 
     x: np.ndarray
     y: np.ndarray
@@ -35,7 +35,7 @@ class Window:
 
 
 class DiscProblem:
-    """Residuals of discs for a vector of look and places."""
+    """Residuals of discs as a function of a vector of look parameters and positions."""
 
     def __init__(
         self, names: Sequence[str], start: Look, windows: Sequence[Window], size: tuple[int, int], side: int
@@ -48,22 +48,22 @@ class DiscProblem:
         self.curve = glass_curve("N-BK7")(sampled) if channels == 3 else np.zeros(1)
 
     def look(self, values: np.ndarray) -> Look:
-        """The look that is in a vector of values."""
-        found = dict(zip(self.names, values[: len(self.names)].tolist(), strict=True))
-        return dataclasses.replace(self.start, **found)
+        """Return the look of a vector of values."""
+        parameters = dict(zip(self.names, values[: len(self.names)].tolist(), strict=True))
+        return dataclasses.replace(self.start, **parameters)
 
     def shapes(self, look: Look, place: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-        """The disc at pixels, for each channel."""
-        drawn = []
+        """Return the disc at pixels, for each channel."""
+        discs = []
         for strength in self.curve:
-            away = place[:2] - (np.array(self.size) - 1) / 2
-            middle = place[:2] + look.lateral / 100 * strength * away
+            offset = place[:2] - (np.array(self.size) - 1) / 2
+            middle = place[:2] + look.lateral / 100 * strength * offset
             radius = self.side * place[2] - look.axial / 100 * strength * self.half
-            drawn.append(draw_disc(look, x, y, (middle[0], middle[1]), radius, self.size))
-        return drawn
+            discs.append(draw_disc(look, x, y, (middle[0], middle[1]), radius, self.size))
+        return discs
 
-    def one(self, look: Look, place: np.ndarray, window: Window) -> np.ndarray:
-        """Residuals of one disc: what its shape and a plane do not explain, of its light."""
+    def disc_residuals(self, look: Look, place: np.ndarray, window: Window) -> np.ndarray:
+        """Return the residuals of one disc after fitting its shape and a plane, relative to its light."""
         x, y = window.x, window.y
         plane = np.stack([np.ones_like(x), (x - x.mean()) / 20, (y - y.mean()) / 20], -1)
         parts = []
@@ -75,23 +75,28 @@ class DiscProblem:
         return np.concatenate(parts)
 
     def places(self, values: np.ndarray) -> np.ndarray:
-        """Middles and radii that are in a vector of values, (discs, 3), pixels."""
+        """Return centres and radii of a vector of values, (discs, 3), pixels."""
         return values[len(self.names) :].reshape(-1, 3)
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
-        """Residuals of all discs, one after the other, (N,)."""
+        """Return the residuals of all discs, concatenated, (N,)."""
         look, places = self.look(values), self.places(values)
-        return np.concatenate([self.one(look, p, w) for p, w in zip(places, self.windows, strict=True)])
+        return np.concatenate(
+            [self.disc_residuals(look, p, w) for p, w in zip(places, self.windows, strict=True)]
+        )
 
-    def jacobian(self, values: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals ``left`` by the values, (N, P); places touch their own disc alone."""
-        found = np.zeros((len(left), len(values)))
+    def jacobian(self, values: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the residuals ``base`` with respect to the values, (N, P).
+
+        Positions affect their own disc only.
+        """
+        jacobian = np.zeros((len(base), len(values)))
         for column, name in enumerate(self.names):
             _, high, step = LOOK[name]
             step = step if values[column] + step <= high else -step
-            moved = values.copy()
-            moved[column] += step
-            found[:, column] = (self.residuals(moved) - left) / step
+            shifted = values.copy()
+            shifted[column] += step
+            jacobian[:, column] = (self.residuals(shifted) - base) / step
         look, places, first = self.look(values), self.places(values), 0
         for number, window in enumerate(self.windows):
             rows = slice(first, first + window.light.size)
@@ -99,18 +104,20 @@ class DiscProblem:
                 place = places[number].copy()
                 place[axis] += 0.02
                 column = len(self.names) + 3 * number + axis
-                found[rows, column] = (self.one(look, place, window) - left[rows]) / 0.02
+                jacobian[rows, column] = (self.disc_residuals(look, place, window) - base[rows]) / 0.02
             first = rows.stop
-        return found
+        return jacobian
 
     def well_fitted(self, values: np.ndarray) -> np.ndarray:
-        """Which discs are left no more than others, (discs,)."""
+        """Return True for discs whose residual is not an outlier, (discs,)."""
         look, pairs = self.look(values), zip(self.places(values), self.windows, strict=True)
-        left = np.array([np.sqrt(np.mean(self.one(look, place, window) ** 2)) for place, window in pairs])
-        return np.asarray(left <= _STRAY * np.median(left))
+        rms = np.array(
+            [np.sqrt(np.mean(self.disc_residuals(look, place, window) ** 2)) for place, window in pairs]
+        )
+        return np.asarray(rms <= _MAX_RELATIVE_RESIDUAL * np.median(rms))
 
     def solve(self, places: np.ndarray, steps: int) -> Solution:
-        """Fit look and places, (discs, 3), in so many steps at most."""
+        """Fit look and positions, (discs, 3), in at most ``steps`` iterations."""
         look = [getattr(self.start, name) for name in self.names]
         bounds = np.array([LOOK[name][:2] for name in self.names]).reshape(-1, 2)
         reach = np.tile([0.4, 0.4, 0.4], len(places)) * np.repeat(places[:, 2], 3)
@@ -125,8 +132,8 @@ class DiscProblem:
         )
 
 
-def window_of(image: np.ndarray, disc: Disc, discs: Sequence[Disc], most: int) -> Window:
-    """Pixels around a disc that are not clipped and not of others."""
+def window_of(image: np.ndarray, disc: Disc, discs: Sequence[Disc], max_pixels: int) -> Window:
+    """Return unclipped pixels around a disc that do not belong to others, at most ``max_pixels``."""
     rows, columns = box_of(image, disc)
     y, x = (axis.astype(float) for axis in np.mgrid[rows, columns])
     light = image[rows, columns]
@@ -139,16 +146,16 @@ def window_of(image: np.ndarray, disc: Disc, discs: Sequence[Disc], most: int) -
             f"lights: expected light below white around x {disc.x:.0f}, y {disc.y:.0f}, found it clipped: "
             f"take a darker exposure or leave this lamp out"
         )
-    chosen = np.flatnonzero(good)
-    # Evenly, in an order that no direction has.
-    chosen = np.sort(np.random.default_rng(0).permutation(chosen)[:most])
-    light = light.reshape(-1, light.shape[-1])[chosen].astype(float)
+    indices = np.flatnonzero(good)
+    # A uniform random subset, without preferred direction.
+    indices = np.sort(np.random.default_rng(0).permutation(indices)[:max_pixels])
+    light = light.reshape(-1, light.shape[-1])[indices].astype(float)
     scale = np.maximum(np.quantile(light, 0.9, axis=0) - np.quantile(light, 0.05, axis=0), 1e-6)
-    return Window(x.ravel()[chosen], y.ravel()[chosen], light, np.maximum(scale, 0.2 * scale.max()))
+    return Window(x.ravel()[indices], y.ravel()[indices], light, np.maximum(scale, 0.2 * scale.max()))
 
 
 def box_of(image: np.ndarray, disc: Disc) -> tuple[slice, slice]:
-    """Rows and columns around a disc, as far as windows reach."""
-    reach = _REACH * disc.radius + 3
+    """Return rows and columns of the window around a disc."""
+    reach = _WINDOW_RADII * disc.radius + 3
     rows = slice(max(0, int(disc.y - reach)), min(image.shape[0], int(disc.y + reach) + 2))
     return rows, slice(max(0, int(disc.x - reach)), min(image.shape[1], int(disc.x + reach) + 2))

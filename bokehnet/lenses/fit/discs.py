@@ -1,4 +1,4 @@
-"""Blurred lamps in a photograph."""
+"""Detection of blurred lamps in a photograph."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,55 +7,55 @@ import numpy as np
 
 __all__ = ["Disc", "find_discs"]
 
-# Discs are so many pixels in radius at least, fill this much of the box around them, and are no longer than
-# so many times their width.
-_SMALLEST, _FULL, _LONGEST = 6.0, (0.45, 0.97), 2.5
-# A disc's rim is where its light over the surroundings falls to this share.
-_RIM = 0.4
-# The most that are taken.
-_MOST = 12
+# Minimum radius of discs, pixels, range of the filled fraction of their bounding box, and maximum aspect
+# ratio.
+_MIN_RADIUS_PX, _FILL_RANGE, _MAX_ASPECT = 6.0, (0.45, 0.97), 2.5
+# Minimum light inside a disc, relative to its 0.7 quantile above the background.
+_MIN_RELATIVE_LIGHT = 0.4
+# Default maximum number of discs.
+_MAX_DISCS = 12
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Disc:
-    """One blurred lamp: its middle, x and y in pixels, and its radius."""
+    """Blurred lamp: its centre, x and y in pixels, and its radius in pixels."""
 
     x: float
     y: float
     radius: float
 
 
-def find_discs(light: np.ndarray, most: int = _MOST) -> list[Disc]:
-    """Find blurred lamps that stand alone, the strongest first.
+def find_discs(light: np.ndarray, max_count: int = _MAX_DISCS) -> list[Disc]:
+    """Return isolated blurred lamps, the strongest first.
 
     Args:
         light: Brightness, scene-linear, (H, W).
-        most: How many are taken.
+        max_count: Maximum number of lamps.
     """
-    ground = float(np.median(light))
-    # The lowest level shows discs whole; those that touch there are parted by a higher one.
-    found: list[tuple[float, Disc]] = []
-    peak = float(np.quantile(light, 0.9995)) - ground
+    background = float(np.median(light))
+    # The lowest level contains whole discs; a higher level separates touching discs.
+    discs: list[tuple[float, Disc]] = []
+    peak = float(np.quantile(light, 0.9995)) - background
     if not peak > 0:
         return []
-    for share in (0.06, 0.12, 0.25, 0.5):
-        for rows, columns in _regions(light > ground + share * peak):
-            disc = _as_disc(light, ground, rows, columns)
-            near = disc and any(
-                (disc.x - one.x) ** 2 + (disc.y - one.y) ** 2 < (disc.radius + one.radius) ** 2
-                for _, one in found
+    for level in (0.06, 0.12, 0.25, 0.5):
+        for rows, columns in _regions(light > background + level * peak):
+            disc = _as_disc(light, background, rows, columns)
+            overlaps = disc and any(
+                (disc.x - other.x) ** 2 + (disc.y - other.y) ** 2 < (disc.radius + other.radius) ** 2
+                for _, other in discs
             )
-            if disc and not near:
-                found.append((float(light[rows, columns].mean() - ground) * disc.radius, disc))
-    found.sort(key=lambda pair: -pair[0])
-    return [disc for _, disc in found[:most]]
+            if disc and not overlaps:
+                discs.append((float(light[rows, columns].mean() - background) * disc.radius, disc))
+    discs.sort(key=lambda pair: -pair[0])
+    return [disc for _, disc in discs[:max_count]]
 
 
-def _as_disc(light: np.ndarray, ground: float, rows: np.ndarray, columns: np.ndarray) -> Disc | None:
-    """The disc that a region may be; None where it is none."""
+def _as_disc(light: np.ndarray, background: float, rows: np.ndarray, columns: np.ndarray) -> Disc | None:
+    """Return the disc of a region; None if it is not a disc."""
     height, width = int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1
-    full = len(rows) / (height * width)
-    long = max(height, width) / min(height, width)
+    fill = len(rows) / (height * width)
+    aspect = max(height, width) / min(height, width)
     radius = max(height, width) / 2
     inside = (
         rows.min() > radius / 2
@@ -63,35 +63,40 @@ def _as_disc(light: np.ndarray, ground: float, rows: np.ndarray, columns: np.nda
         and rows.max() < light.shape[0] - radius / 2
         and columns.max() < light.shape[1] - radius / 2
     )
-    if radius < _SMALLEST or not inside or not _FULL[0] <= full <= _FULL[1] or long > _LONGEST:
+    if (
+        radius < _MIN_RADIUS_PX
+        or not inside
+        or not _FILL_RANGE[0] <= fill <= _FILL_RANGE[1]
+        or aspect > _MAX_ASPECT
+    ):
         return None
-    # Of one lamp: the light at its rim is cut off, not fading.
-    own = light[rows, columns] - ground
-    if (own > _RIM * np.quantile(own, 0.7)).mean() < 0.8:
+    # A defocused lamp has a sharp rim; its light does not fade out.
+    light_above = light[rows, columns] - background
+    if (light_above > _MIN_RELATIVE_LIGHT * np.quantile(light_above, 0.7)).mean() < 0.8:
         return None
     x, y = (columns.max() + columns.min()) / 2, (rows.max() + rows.min()) / 2
     return Disc(x=float(x), y=float(y), radius=float(radius))
 
 
 def _regions(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rows and columns of connected pixels, four neighbours each; small regions are left out."""
+    """Return rows and columns of connected pixels, four neighbours each; ignores small regions."""
     height, width = mask.shape
-    left = mask.copy()
+    unvisited = mask.copy()
     regions = []
-    least = 2 * _SMALLEST**2
+    min_pixels = 2 * _MIN_RADIUS_PX**2
     for start in zip(*np.nonzero(mask), strict=True):
-        if not left[start]:
+        if not unvisited[start]:
             continue
-        left[start] = False
-        queue, members = deque([start]), [start]
+        unvisited[start] = False
+        queue, pixels = deque([start]), [start]
         while queue:
             y, x = queue.popleft()
             for at in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
-                if 0 <= at[0] < height and 0 <= at[1] < width and left[at]:
-                    left[at] = False
+                if 0 <= at[0] < height and 0 <= at[1] < width and unvisited[at]:
+                    unvisited[at] = False
                     queue.append(at)
-                    members.append(at)
-        if len(members) >= least:
-            rows, columns = np.array(members).T
+                    pixels.append(at)
+        if len(pixels) >= min_pixels:
+            rows, columns = np.array(pixels).T
             regions.append((rows, columns))
     return regions

@@ -1,4 +1,4 @@
-"""The look of a photograph's discs, by least squares from several starts."""
+"""Fit of the look of the discs of a photograph, by least squares from several starts."""
 
 import dataclasses
 import math
@@ -15,61 +15,61 @@ from bokehnet.lenses.fit.discs import Disc
 
 __all__ = ["LookFit", "fit_look"]
 
-# Pixels of each disc, and steps.
-_PIXELS, _STEPS = 1500, 20
-# Openings are tried on the strongest discs, in grey, with fewer pixels and steps.
-_CHOSEN, _FEW, _FEW_STEPS = 3, 500, 12
-# The numbers of blades that then leave least are told apart by all discs, with so many pixels of each at
-# least, and of all together.
-_LIKELY, _MANY, _ALL_MANY = 3, 1000, 4000
+# Pixels of each disc, and iterations of the final fit.
+_PIXELS, _ITERATIONS = 1500, 20
+# Number of strongest discs, pixels of each, and iterations of the first fits, in grey.
+_FIRST_DISCS, _FIRST_PIXELS, _FIRST_ITERATIONS = 3, 500, 12
+# Number of best candidates compared on all discs, minimum pixels of each disc, and of all together.
+_CANDIDATES, _MIN_PIXELS, _MIN_TOTAL_PIXELS = 3, 1000, 4000
 _BLADES = (0, 5, 6, 7, 8, 9, 10, 11)
-# A core this much darker than the rest of the disc is one of a mirror lens.
-_DARK = 0.65
-# Blades whose edges lie less than this many pixels within the circle are a round opening.
-_SHALLOW = 0.1
+# Maximum light of the core of a mirror lens, relative to the rest of the disc.
+_MAX_CORE_LIGHT = 0.65
+# Minimum depth of blade edges inside the circle, pixels; shallower blades are a round aperture.
+_MIN_EDGE_DEPTH_PX = 0.1
 _GREY = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LookFit:
-    """What a photograph tells of its lens.
+    """Fitted look of a photograph.
 
     Attributes:
-        look: The fitted look.
-        deviation: Standard deviation of each fitted parameter by the noise that is left.
-        discs: The discs with their fitted middles and radii, signed as in the settings.
-        left: Root mean square of what is left, of the light of a disc.
-        others: What other numbers of blades leave, by number.
-        drawn: The photograph with its discs as they were fitted, (H, W, 3); the rest as it was.
+        look: Fitted look.
+        deviation: Standard deviation of each fitted parameter by the residual noise.
+        discs: Discs with their fitted centres and radii, signed as in the settings.
+        residual: Root mean square residual, relative to the light of a disc.
+        residual_by_blades: Residual of each number of blades, by number.
+        rendered: Photograph with the fitted discs, (H, W, 3); other pixels are unchanged.
     """
 
     look: Look
     deviation: dict[str, float]
     discs: tuple[Disc, ...]
-    left: float
-    others: dict[int, float]
-    drawn: np.ndarray
+    residual: float
+    residual_by_blades: dict[int, float]
+    rendered: np.ndarray
 
 
 def fit_look(
     image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True, blades: Sequence[int] = _BLADES
 ) -> LookFit:
-    """Fit the opening and the colours of a lens to the discs of lamps in a photograph.
+    """Fit the aperture and colour aberrations of a lens to the discs of lamps in a photograph.
 
     Args:
-        image: The whole photograph, scene-linear, (H, W, 3).
-        discs: Where lamps are, roughly.
-        behind: Whether they are behind the plane of focus, as most are; rims and axial colours turn with it.
-        blades: Numbers of blades that are tried; 0 is a round opening.
+        image: Whole photograph, scene-linear, (H, W, 3).
+        discs: Approximate positions of the lamps.
+        behind: True if they are behind the plane of focus, as usual; radial profile and axial colour depend
+            on it.
+        blades: Candidate numbers of blades; 0 is a round aperture.
 
     Raises:
-        LensError: There is no disc, or nothing of them is left that is not clipped.
+        LensError: There is no disc, or a disc has too few unclipped pixels.
     """
     if not discs:
-        raise LensError("lights: expected at least one blurred lamp that stands alone, found none")
+        raise LensError("lights: expected at least one isolated blurred lamp, found none")
     size, side = (image.shape[1], image.shape[0]), -1 if behind else 1
     grey = (image @ _GREY)[..., None]
-    few = [window_of(grey, disc, discs, _FEW) for disc in discs[:_CHOSEN]]
+    first_windows = [window_of(grey, disc, discs, _FIRST_PIXELS) for disc in discs[:_FIRST_DISCS]]
     start = Look(cats_eye=0.3, softness=0.7, obstruction=_core(grey[..., 0], discs[0]))
     names = ["spherical_profile", "cats_eye", "softness"]
     if start.obstruction:
@@ -77,48 +77,52 @@ def fit_look(
     rough = np.array([[disc.x, disc.y, disc.radius] for disc in discs])
     costs: dict[int, tuple[float, Look, np.ndarray]] = {}
     for count in blades:
-        for turn in (0.0, 0.5) if count else (0.0,):
-            begin = dataclasses.replace(
-                start, blades=count, curvature=0.3 if count else 0.0, rotation=turn * 360 / max(count, 1)
+        for phase in (0.0, 0.5) if count else (0.0,):
+            initial = dataclasses.replace(
+                start, blades=count, curvature=0.3 if count else 0.0, rotation=phase * 360 / max(count, 1)
             )
             free = [*names, *(BLADE_NAMES if count else ())]
-            problem = DiscProblem(free, begin, few, size, side)
-            found = problem.solve(rough[: len(few)], _FEW_STEPS)
-            if count not in costs or found.cost < costs[count][0]:
-                costs[count] = found.cost, problem.look(found.values), problem.places(found.values)
-    left = {n: math.sqrt(cost[0] / sum(w.light.size for w in few)) for n, cost in costs.items()}
-    look = _chosen(grey, discs, costs, names, size, side)
-    best, given = look.blades, discs
-    discs, rough = _placed(grey, look, costs[best][2], discs, size, side)
+            problem = DiscProblem(free, initial, first_windows, size, side)
+            solution = problem.solve(rough[: len(first_windows)], _FIRST_ITERATIONS)
+            if count not in costs or solution.cost < costs[count][0]:
+                costs[count] = solution.cost, problem.look(solution.values), problem.places(solution.values)
+    residual_by_blades = {
+        n: math.sqrt(cost[0] / sum(w.light.size for w in first_windows)) for n, cost in costs.items()
+    }
+    look = _choose_look(grey, discs, costs, names, size, side)
+    best, all_discs = look.blades, discs
+    discs, rough = _place_discs(grey, look, costs[best][2], discs, size, side)
     windows = [window_of(image, disc, discs, _PIXELS) for disc in discs]
     free = [*names, "axial", "lateral", *(BLADE_NAMES if best else ())]
     problem = DiscProblem(free, look, windows, size, side)
-    found = problem.solve(rough, _STEPS)
-    kept = problem.well_fitted(found.values)
-    if not kept.all():  # what stands out is no lamp, or two, or was not found
+    solution = problem.solve(rough, _ITERATIONS)
+    kept = problem.well_fitted(solution.values)
+    if not kept.all():  # outliers are no lamps, two lamps, or failed fits
         windows = [window for window, good in zip(windows, kept, strict=True) if good]
         discs = [disc for disc, good in zip(discs, kept, strict=True) if good]
-        places = problem.places(found.values)[kept]
-        problem = DiscProblem(free, problem.look(found.values), windows, size, side)
-        found = problem.solve(places, _STEPS)
+        places = problem.places(solution.values)[kept]
+        problem = DiscProblem(free, problem.look(solution.values), windows, size, side)
+        solution = problem.solve(places, _ITERATIONS)
     pixels = sum(window.light.size for window in windows)
-    look, places = problem.look(found.values), problem.places(found.values)
-    if best and edge_depth(best, look.curvature) * np.median(places[:, 2]) < _SHALLOW:
-        return dataclasses.replace(fit_look(image, given, behind=behind, blades=(0,)), others=left)
+    look, places = problem.look(solution.values), problem.places(solution.values)
+    if best and edge_depth(best, look.curvature) * np.median(places[:, 2]) < _MIN_EDGE_DEPTH_PX:
+        return dataclasses.replace(
+            fit_look(image, all_discs, behind=behind, blades=(0,)), residual_by_blades=residual_by_blades
+        )
     if best:
         period = 360 / best
         look = dataclasses.replace(look, rotation=(look.rotation + period / 2) % period - period / 2)
     return LookFit(
         look=look,
-        deviation=dict(zip(free, found.deviation.tolist(), strict=False)),
+        deviation=dict(zip(free, solution.deviation.tolist(), strict=False)),
         discs=tuple(Disc(x=float(x), y=float(y), radius=side * float(r)) for x, y, r in places),
-        left=math.sqrt(found.cost / pixels),
-        others=left,
-        drawn=_drawn(image, problem, look, places, discs),
+        residual=math.sqrt(solution.cost / pixels),
+        residual_by_blades=residual_by_blades,
+        rendered=_render_discs(image, problem, look, places, discs),
     )
 
 
-def _chosen(
+def _choose_look(
     grey: np.ndarray,
     discs: Sequence[Disc],
     costs: dict[int, tuple[float, Look, np.ndarray]],
@@ -126,21 +130,21 @@ def _chosen(
     size: tuple[int, int],
     side: int,
 ) -> Look:
-    """The opening by all discs: one of the numbers of blades that left least of the first ones, or round."""
+    """Return the look by all discs, among the best numbers of blades of the first fits, and round."""
     order = sorted(costs, key=lambda count: costs[count][0])
     _, look, places = costs[order[0]]
-    placed, rough = _placed(grey, look, places, discs, size, side)
-    many = max(_MANY, _ALL_MANY // len(discs))
-    windows = [window_of(grey, disc, placed, many) for disc in placed]
-    kept = DiscProblem([], look, windows, size, side).well_fitted(rough.ravel())  # what is no lamp has no say
+    placed, rough = _place_discs(grey, look, places, discs, size, side)
+    pixels = max(_MIN_PIXELS, _MIN_TOTAL_PIXELS // len(discs))
+    windows = [window_of(grey, disc, placed, pixels) for disc in placed]
+    kept = DiscProblem([], look, windows, size, side).well_fitted(rough.ravel())  # ignore outliers
     windows = [window for window, good in zip(windows, kept, strict=True) if good]
-    likely = [count for count in order if count][:_LIKELY] + [count for count in order if not count]
+    candidates = [count for count in order if count][:_CANDIDATES] + [count for count in order if not count]
     return choose_blades(
-        {count: costs[count][1] for count in likely}, names, windows, rough[kept], size, side
+        {count: costs[count][1] for count in candidates}, names, windows, rough[kept], size, side
     )
 
 
-def _placed(
+def _place_discs(
     grey: np.ndarray,
     look: Look,
     places: np.ndarray,
@@ -148,38 +152,39 @@ def _placed(
     size: tuple[int, int],
     side: int,
 ) -> tuple[list[Disc], np.ndarray]:
-    """Discs with a look; those that were not among the first each alone, as found or as large as these."""
-    usual = float(np.median(places[:, 2]))
-    found = list(places)
+    """Return the fitted discs of a look; those without a first fit are fitted from two initial radii."""
+    median_radius = float(np.median(places[:, 2]))
+    fitted = list(places)
     for disc in discs[len(places) :]:
-        tried = []
-        for radius in (disc.radius, usual):
-            there = Disc(x=disc.x, y=disc.y, radius=max(disc.radius, radius))
-            around = [there if one is disc else one for one in discs]  # its own light is not another's
-            problem = DiscProblem([], look, [window_of(grey, there, around, _FEW)], size, side)
-            solved = problem.solve(np.array([[disc.x, disc.y, radius]]), _FEW_STEPS)
-            tried.append((solved.cost, solved.values))
-        found.append(min(tried, key=lambda pair: pair[0])[1])
-    all_places = np.stack(found)
+        solutions = []
+        for radius in (disc.radius, median_radius):
+            candidate = Disc(x=disc.x, y=disc.y, radius=max(disc.radius, radius))
+            # The disc itself must not count as another one.
+            others = [candidate if other is disc else other for other in discs]
+            problem = DiscProblem([], look, [window_of(grey, candidate, others, _FIRST_PIXELS)], size, side)
+            solution = problem.solve(np.array([[disc.x, disc.y, radius]]), _FIRST_ITERATIONS)
+            solutions.append((solution.cost, solution.values))
+        fitted.append(min(solutions, key=lambda pair: pair[0])[1])
+    all_places = np.stack(fitted)
     return [Disc(x=float(x), y=float(y), radius=float(r)) for x, y, r in all_places], all_places
 
 
 def _core(grey: np.ndarray, disc: Disc) -> float:
-    """A first radius of the dark core; 0 where there is none."""
+    """Return an initial radius of the dark core; 0 if there is none."""
     rows, columns = box_of(grey, disc)
     y, x = np.mgrid[rows, columns]
     rho = np.hypot(x - disc.x, y - disc.y) / disc.radius
     light = grey[rows, columns]
-    ground = float(np.quantile(light, 0.05))
-    ring = float(np.median(light[(rho > 0.5) & (rho < 0.75)])) - ground
-    core = float(np.median(light[rho < 0.12])) - ground
-    return 0.3 if core < _DARK * ring else 0.0
+    background = float(np.quantile(light, 0.05))
+    ring = float(np.median(light[(rho > 0.5) & (rho < 0.75)])) - background
+    core = float(np.median(light[rho < 0.12])) - background
+    return 0.3 if core < _MAX_CORE_LIGHT * ring else 0.0
 
 
-def _drawn(
+def _render_discs(
     image: np.ndarray, problem: DiscProblem, look: Look, places: np.ndarray, discs: Sequence[Disc]
 ) -> np.ndarray:
-    drawn = np.array(image, np.float32)
+    rendered = np.array(image, np.float32)
     for disc, place in zip(discs, places, strict=True):
         rows, columns = box_of(image, disc)
         y, x = (axis.astype(float) for axis in np.mgrid[rows, columns])
@@ -189,5 +194,5 @@ def _drawn(
             light = image[rows, columns, channel].ravel()
             good = light < CLIPPED
             factors = np.linalg.lstsq(basis[good], light[good], rcond=None)[0]
-            drawn[rows, columns, channel] = (basis @ factors).reshape(x.shape)
-    return drawn
+            rendered[rows, columns, channel] = (basis @ factors).reshape(x.shape)
+    return rendered

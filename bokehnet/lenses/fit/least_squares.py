@@ -7,16 +7,16 @@ import numpy as np
 
 __all__ = ["Solution", "solve"]
 
-_GAIN, _LARGEST_DAMPING, _SETTLED = 4.0, 1e8, 1e-6
+_DAMPING_FACTOR, _MAX_DAMPING, _MIN_RELATIVE_DECREASE = 4.0, 1e8, 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:
-    """What was found.
+    """Result of a fit.
 
     Attributes:
-        values: Of the parameters, (P,).
-        deviation: Standard deviation of each by the noise that is left, (P,); infinite where nothing tells.
+        values: Parameters, (P,).
+        deviation: Standard deviation of each by the residual noise, (P,); infinite if undetermined.
         cost: Sum of squared residuals.
     """
 
@@ -33,46 +33,46 @@ def solve(
     high: np.ndarray,
     steps: int,
 ) -> Solution:
-    """Find the values within bounds with the least sum of squared residuals, near ``start``.
+    """Return the values within bounds that minimize the sum of squared residuals, near ``start``.
 
     Args:
-        residuals: From values (P,) to (N,).
-        jacobian: From values and their residuals to derivatives, (N, P).
-        start: Values to begin with.
-        low: Smallest values.
-        high: Largest values.
-        steps: The most that are taken.
+        residuals: Function from values (P,) to residuals (N,).
+        jacobian: Function from values and their residuals to derivatives, (N, P).
+        start: Initial values.
+        low: Lower bounds.
+        high: Upper bounds.
+        steps: Maximum number of iterations.
 
     Source:
         Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", J. SIAM 1963, with his
         scaling; values that would leave their bounds stay on them.
     """
     values = np.clip(start, low, high)
-    left = residuals(values)
-    cost, damping = float(left @ left), 1e-2
-    derivatives = jacobian(values, left)
+    current = residuals(values)
+    cost, damping = float(current @ current), 1e-2
+    derivatives = jacobian(values, current)
     for _ in range(steps):
-        normal, slope = derivatives.T @ derivatives, derivatives.T @ left
-        # A value at its bound that would go beyond it is held.
-        held = ((values <= low) & (slope > 0)) | ((values >= high) & (slope < 0))
-        free = np.flatnonzero(~held & (np.diag(normal) > 0))
+        normal, slope = derivatives.T @ derivatives, derivatives.T @ current
+        # Values at a bound that would leave it are fixed.
+        fixed = ((values <= low) & (slope > 0)) | ((values >= high) & (slope < 0))
+        free = np.flatnonzero(~fixed & (np.diag(normal) > 0))
         if not free.size:
             break
         part = normal[np.ix_(free, free)]
         before = cost
-        while damping < _LARGEST_DAMPING:
+        while damping < _MAX_DAMPING:
             step = np.linalg.lstsq(part + damping * np.diag(np.diag(part)), -slope[free], rcond=None)[0]
-            tried = values.copy()
-            tried[free] = np.clip(values[free] + step, low[free], high[free])
-            found = residuals(tried)
-            if float(found @ found) < cost:
-                values, left, cost = tried, found, float(found @ found)
-                damping = max(damping / _GAIN, 1e-9)
+            trial = values.copy()
+            trial[free] = np.clip(values[free] + step, low[free], high[free])
+            trial_residuals = residuals(trial)
+            if float(trial_residuals @ trial_residuals) < cost:
+                values, current, cost = trial, trial_residuals, float(trial_residuals @ trial_residuals)
+                damping = max(damping / _DAMPING_FACTOR, 1e-9)
                 break
-            damping *= _GAIN
-        if cost > before * (1 - _SETTLED):
+            damping *= _DAMPING_FACTOR
+        if cost > before * (1 - _MIN_RELATIVE_DECREASE):
             break
-        derivatives = jacobian(values, left)
+        derivatives = jacobian(values, current)
     return Solution(values=values, deviation=_deviation(derivatives, cost), cost=cost)
 
 

@@ -1,1 +1,1 @@
-"""Look-up tables of a lens: profile textures and the lens ray transfer function, and their files."""
+"""Lookup tables of a lens, and their files: profile textures and the lens ray transfer function."""

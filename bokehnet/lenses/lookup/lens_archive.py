@@ -1,4 +1,4 @@
-"""Files (.npz) of arrays that were traced through a lens, with its prescription beside them."""
+"""Archives (.npz) of arrays traced through a lens, together with its prescription."""
 
 import tomllib
 import zipfile
@@ -14,25 +14,25 @@ from bokehnet.errors import ConfigError, LensError
 from bokehnet.lenses.prescription_file import Prescription
 from bokehnet.lenses.prescription_toml import prescription_toml
 
-__all__ = ["opened_archive", "write_archive"]
+__all__ = ["open_archive", "write_archive"]
 
 
 def write_archive(file: Path | IO[bytes], kind: str, prescription: Prescription, **arrays: Any) -> None:
-    """Write arrays and numbers by name, of a lens, under the name of what they are."""
+    """Write named arrays and numbers of a lens, with the kind of data they are."""
     np.savez_compressed(file, kind=kind, prescription=prescription_toml(prescription), **arrays)
 
 
 @contextmanager
-def opened_archive(path: str | Path, kind: str, what: str) -> Iterator[tuple[Any, Prescription]]:
-    """The arrays of a file by name, and its lens; what is wrong with either inside the block is one line.
+def open_archive(path: str | Path, kind: str, what: str) -> Iterator[tuple[Any, Prescription]]:
+    """Yield the arrays of a file by name, and its lens; errors inside the block become one line.
 
     Args:
-        path: Of the file.
-        kind: What it must be.
-        what: A word for it, for messages.
+        path: Path of the file.
+        kind: Required kind of data.
+        what: Name of the data, for messages.
 
     Raises:
-        LensError: The file is missing or damaged, holds something else, or its lens cannot be.
+        LensError: The file is missing or damaged, contains other data, or its lens is invalid.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""Profile texture and aberration map of a lens side by side: bytes, time, error."""
+"""Comparison of profile texture and aberration map of a lens: size, time, error."""
 
 import time
 from dataclasses import dataclass
@@ -24,37 +24,37 @@ _SIZE, _WAVELENGTHS = 64, 24
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BlurKind:
-    """One way to hold the blur of a lens.
+    """Representation of the blur of a lens, with its cost and errors.
 
     Attributes:
-        name: What it is.
-        bytes: That it holds.
-        made: Seconds of processor time to make it.
-        blur: Seconds for the blur of one point, 64 x 64 cells in 24 wavelengths.
-        errors: One less the correlation with traced blurs, in the mean over three depths, for points on the
+        name: Name of the representation.
+        bytes: Size in bytes.
+        build_seconds: Processor time to compute it, seconds.
+        blur_seconds: Time for the blur of one point, 64 x 64 cells in 24 wavelengths, seconds.
+        errors: One minus the correlation with traced blurs, mean over three depths, for points on the
             axis, half way to the corner and near it.
     """
 
     name: str
     bytes: int
-    made: float
-    blur: float
+    build_seconds: float
+    blur_seconds: float
     errors: tuple[float, ...]
 
 
 def compare_profiles(
     lens: PrescriptionLens, *, rows: int = 64, columns: int = 64, rays: int = 6000
 ) -> tuple[ProfileTexture, tuple[BlurKind, BlurKind]]:
-    """Trace the texture of a lens, as it is focused and stopped down, and compare it with its aberration map.
+    """Trace the profile texture of a lens and compare it with its aberration map.
 
     Args:
-        lens: The lens.
-        rows: Distances of the image in the texture.
-        columns: Radii.
-        rays: Of each wavelength, of traced blurs and those of the map.
+        lens: Lens to trace.
+        rows: Number of image distances of the texture.
+        columns: Number of radii of the texture.
+        rays: Number of rays per wavelength of traced blurs and of the map.
 
     Returns:
-        The texture, and what there is to say of the map and of the texture.
+        The texture, and the figures of the map and of the texture.
 
     Raises:
         LensError: No ray passes.
@@ -65,20 +65,20 @@ def compare_profiles(
     begin = time.process_time()
     texture = trace_profile_texture(lens, rows=rows, columns=columns)
     between = time.process_time()
-    found = fit_aberration_map(lens)
-    made = (time.process_time() - between, between - begin)
-    taken: tuple[list[float], list[float]] = ([], [])
+    aberration_map = fit_aberration_map(lens)
+    build_seconds = (time.process_time() - between, between - begin)
+    seconds: tuple[list[float], list[float]] = ([], [])
     errors: dict[float, list[tuple[float, float]]] = {field: [] for field in FIELDS}
-    for pair in psf_pairs(lens, found, rays):
+    for pair in psf_pairs(lens, aberration_map, rays):
         pitch = pair.width * half / _SIZE
         begin = time.process_time()
         used = np.array([profile_row(texture, lens, pair.depth, float(nm)) for nm in wavelengths])
-        shown = profile_psf(texture, used, colors, pitch, _SIZE)
-        taken[1].append(time.process_time() - begin)
+        blurred = profile_psf(texture, used, colors, pitch, _SIZE)
+        seconds[1].append(time.process_time() - begin)
         if pair.field == 0:
             begin = time.process_time()
             aberration_psf(
-                found,
+                aberration_map,
                 defocus=pair.blur_radius,
                 field=(0.0, 0.0),
                 wavelengths=wavelengths,
@@ -87,16 +87,23 @@ def compare_profiles(
                 size=_SIZE,
                 rays=rays,
             )
-            taken[0].append(time.process_time() - begin)
-        errors[pair.field].append((1 - pair.correlation, 1 - correlation(pair.traced, shown)))
-    arrays = (found.wavelengths, found.transverse_aberration, found.pupil_aberration)
-    sizes = (sum(array.nbytes for array in arrays) + 16 * len(found.vignetting_apertures), texture.size)
+            seconds[0].append(time.process_time() - begin)
+        errors[pair.field].append((1 - pair.correlation, 1 - correlation(pair.traced, blurred)))
+    arrays = (
+        aberration_map.wavelengths,
+        aberration_map.transverse_aberration,
+        aberration_map.pupil_aberration,
+    )
+    sizes = (
+        sum(array.nbytes for array in arrays) + 16 * len(aberration_map.vignetting_apertures),
+        texture.size,
+    )
     first, second = (
         BlurKind(
             name=name,
             bytes=sizes[number],
-            made=made[number],
-            blur=float(np.median(taken[number])),
+            build_seconds=build_seconds[number],
+            blur_seconds=float(np.median(seconds[number])),
             errors=tuple(float(np.mean([row[number] for row in errors[field]])) for field in FIELDS),
         )
         for number, name in enumerate(("aberration map", "profile texture"))

@@ -1,4 +1,4 @@
-"""A profile texture in a file, with the lens that its rows are chosen by."""
+"""File of a profile texture, with the lens that determines its rows."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ from typing import IO
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.lookup.lens_archive import opened_archive, write_archive
+from bokehnet.lenses.lookup.lens_archive import open_archive, write_archive
 from bokehnet.lenses.lookup.profile_texture import ProfileTexture
 from bokehnet.lenses.prescription import PrescriptionLens
 
@@ -18,7 +18,7 @@ _KIND = "lens profile texture 1"
 
 
 def write_profile(texture: ProfileTexture, lens: PrescriptionLens, file: Path | IO[bytes]) -> None:
-    """Write a texture and the lens it was traced of, as it is focused and stopped down, as .npz."""
+    """Write a texture and its lens, with focus and iris as set, as .npz."""
     arrays = {item.name: getattr(texture, item.name) for item in dataclasses.fields(ProfileTexture)}
     write_archive(
         file,
@@ -32,12 +32,12 @@ def write_profile(texture: ProfileTexture, lens: PrescriptionLens, file: Path | 
 
 
 def read_profile(path: str | Path) -> tuple[ProfileTexture, PrescriptionLens]:
-    """Read what :func:`write_profile` wrote.
+    """Read a file of :func:`write_profile`.
 
     Raises:
-        LensError: The file is missing or damaged, or holds something else.
+        LensError: The file is missing or damaged, or contains other data.
     """
-    with opened_archive(path, _KIND, "profile texture") as (file, prescription):
+    with open_archive(path, _KIND, "profile texture") as (file, prescription):
         texture = ProfileTexture(
             planes=np.asarray(file["planes"], float),
             reach=np.asarray(file["reach"], float),
@@ -60,7 +60,7 @@ def read_profile(path: str | Path) -> tuple[ProfileTexture, PrescriptionLens]:
 
 
 def _problem(texture: ProfileTexture) -> str | None:
-    """What no texture can have, beginning with the key."""
+    """Return a description of the first invalid value, starting with its key, or None."""
     rows = len(texture.planes) if texture.planes.ndim == 1 else 0
     shape = texture.light.shape
     if rows < 2 or len(shape) != 2 or shape[0] != rows or shape[1] < 2 or texture.reach.shape != (rows,):

@@ -1,12 +1,12 @@
-"""Profile textures: the light of a lens's blur over its radius, one row for each distance of the image.
+"""Profile textures: radial blur profiles of a lens, one row per image distance.
 
-Every point is taken to blur as one on the axis does: one texture of two dimensions, traced once, stands for
-the lens. How deep the point is, and which colour its light has, only chooses the row: both move its Gaussian
-image, and what counts is how far behind it the sensor stands. Spherical aberration and axial colour are in
-it, what changes over the field is not.
+The blur of every point is approximated by that of a point on the axis, so one two-dimensional texture, traced
+once, represents the lens. Depth and wavelength only select the row: both move the Gaussian
+image, and the relevant quantity is the distance of the sensor behind it. The texture includes spherical
+aberration and axial colour, but no change over the field.
 
 Source: Marsicano, "Rendering real time depth of field effects", 2023, 5.2.1 and 5.2.2, for textures of
-profiles; the mappings are ours.
+profiles; the mappings are our own.
 """
 
 from dataclasses import dataclass
@@ -21,23 +21,24 @@ from bokehnet.lenses.surface_trace import beam_between, trace
 
 __all__ = ["ProfileTexture", "profile_psf", "profile_row", "trace_profile_texture"]
 
-# Zones of the entrance pupil, even in area, up to this share of its Gaussian radius: real ones are larger.
-_ZONES, _WIDEST = 8_000, 1.5
-# Rows reach beyond what is asked for, so that colours and rounding stay within.
-_RESERVE = 1.1
+# Number of zones of equal area of the entrance pupil, and their outer radius over the paraxial radius; real
+# pupils can be larger than paraxial ones.
+_ZONES, _MAX_RADIUS = 8_000, 1.5
+# Range of the rows over the requested range, to include chromatic shifts and rounding.
+_RANGE_RESERVE = 1.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProfileTexture:
-    """A texture of profiles.
+    """Texture of radial blur profiles.
 
     Attributes:
-        planes: How far each row's sensor stands behind the Gaussian image, mm, rising, (P,); nearer to each
-            other near the focus, where profiles change fastest.
-        reach: Radius of all of a row's light, mm, (P,).
-        light: Light per area at the middles of even shares of that radius, over the mean of the disc,
+        planes: Distance of the sensor behind the Gaussian image for each row, mm, ascending, (P,); denser
+            near the focus, where profiles change fastest.
+        reach: Radius that contains all light of a row, mm, (P,).
+        light: Light per area at the centres of equal steps of that radius, over the mean of the disc,
             (P, N) float32.
-        image_gap: From the exit pupil to the Gaussian image of what is in focus, mm.
+        image_gap: Distance from the exit pupil to the Gaussian image of the focus, mm.
     """
 
     planes: np.ndarray
@@ -47,21 +48,21 @@ class ProfileTexture:
 
     @property
     def size(self) -> int:
-        """Bytes of all that it holds."""
+        """Size in bytes."""
         return int(self.planes.nbytes + self.reach.nbytes + self.light.nbytes + 8)
 
 
 def trace_profile_texture(
     lens: PrescriptionLens, *, farthest: float | None = None, rows: int = 64, columns: int = 64
 ) -> ProfileTexture:
-    """Trace the texture of a lens, as it is focused and stopped down, at its design wavelength.
+    """Trace the profile texture of a lens, with focus and iris as set, at its design wavelength.
 
     Args:
-        lens: The lens.
-        farthest: How far from its Gaussian image the sensor can stand, mm to both sides; None is where the
-            blur radius is a tenth of the picture's half-diagonal.
-        rows: Distances of the image.
-        columns: Radii.
+        lens: Lens to trace.
+        farthest: Largest distance of the sensor from the Gaussian image, mm to both sides; None is the
+            distance at which the blur radius is a tenth of the half-diagonal.
+        rows: Number of image distances.
+        columns: Number of radii.
 
     Raises:
         LensError: No ray passes from a point on the axis.
@@ -73,22 +74,22 @@ def trace_profile_texture(
     gap = lens.gaussian_focus - float(exit_pupil.position)
     if farthest is None:
         farthest = 0.1 * lens.prescription.image_radius * abs(gap / float(exit_pupil.radius))
-    planes = _RESERVE * farthest * np.linspace(-1, 1, rows) ** 3
+    planes = _RANGE_RESERVE * farthest * np.linspace(-1, 1, rows) ** 3
     reach, light = np.empty(rows), np.empty((rows, columns), np.float32)
     middles = (np.arange(columns) + 0.5) / columns
     for row, plane in enumerate(planes):
-        radius, share = _blur_on_axis(lens, _nearness(lens, float(plane), gap))
+        radius, weights = _blur_on_axis(lens, _disparity_of_plane(lens, float(plane), gap))
         reach[row] = radius.max() * (1 + 1e-9) + 1e-9
-        seen, _ = np.histogram(radius / reach[row], columns, (0, 1), weights=share)
+        counts, _ = np.histogram(radius / reach[row], columns, (0, 1), weights=weights)
         # The area of ring k of N is (2 k + 1) / N^2 of the disc.
-        light[row] = seen * columns / (2 * middles)
+        light[row] = counts * columns / (2 * middles)
     return ProfileTexture(planes=planes, reach=reach, light=light, image_gap=gap)
 
 
-def _nearness(lens: PrescriptionLens, plane: float, gap: float) -> float:
-    """One over the depth, 1/mm, whose Gaussian image a row stands behind; below 0 where no real point is.
+def _disparity_of_plane(lens: PrescriptionLens, plane: float, gap: float) -> float:
+    """Return the inverse depth, 1/mm, whose Gaussian image lies a row's distance in front of the sensor.
 
-    The inverse of :func:`profile_row`.
+    The inverse of :func:`profile_row`; below 0 if no real point has this image.
     """
     cardinal, exit_pupil = lens.paraxial.cardinal, float(lens.paraxial.exit.position)
     image = exit_pupil + (lens.sensor_position - exit_pupil) / (1 + plane / gap)
@@ -96,31 +97,31 @@ def _nearness(lens: PrescriptionLens, plane: float, gap: float) -> float:
     return front / (1 + front * (lens.front_vertex - float(cardinal.front_principal)))
 
 
-def _blur_on_axis(lens: PrescriptionLens, nearness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays of a point on the axis meet the sensor, mm from it, and the share of its light of each."""
+def _blur_on_axis(lens: PrescriptionLens, disparity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the radii at which rays of an axial point meet the sensor, mm, and their fractions of light."""
     entrance = lens.paraxial.entrance
-    height = _WIDEST * abs(float(entrance.radius)) * np.sqrt((np.arange(_ZONES) + 0.5) / _ZONES)
-    slope = -height * nearness
-    nothing = np.zeros_like(height)
+    height = _MAX_RADIUS * abs(float(entrance.radius)) * np.sqrt((np.arange(_ZONES) + 0.5) / _ZONES)
+    slope = -height * disparity
+    zeros = np.zeros_like(height)
     first = min(0.0, float(entrance.position)) - 1.0
     start = height + (float(entrance.position) - first) * slope
-    beam = trace(lens.surfaces, beam_between((start + slope, nothing, first - 1.0), (start, nothing, first)))
+    beam = trace(lens.surfaces, beam_between((start + slope, zeros, first - 1.0), (start, zeros, first)))
     if not beam.passes.any():
         raise LensError(f"{lens.prescription.name}: no ray passes from a point on the axis")
-    # A small patch that faces the lens sends cos^4 into equal areas of the pupil's plane.
-    share = (1 / (1 + slope**2) ** 2)[beam.passes]
-    return np.abs(beam.at(lens.sensor_position)[0][beam.passes]), share / share.sum()
+    # A small patch that faces the lens sends cos^4 into equal areas of the plane of the pupil.
+    weights = (1 / (1 + slope**2) ** 2)[beam.passes]
+    return np.abs(beam.at(lens.sensor_position)[0][beam.passes]), weights / weights.sum()
 
 
 def profile_row(
     texture: ProfileTexture, lens: PrescriptionLens, depth: float, wavelength: float | None = None
 ) -> float:
-    """Return the plane of the texture, mm, that has the blur of a depth (mm) and a wavelength (nm).
+    """Return the plane of the texture, mm, with the blur of a depth (mm) and a wavelength (nm).
 
-    The point is imaged at v by Gaussian optics, from an exit pupil at e, and blurred over
-    ``R (s - v) / (v - e)`` on the sensor at s. The row has that radius: its plane is ``(s - v) / (v - e)``
-    times ``v - e`` of what is in focus. Light of another wavelength is moved by how far its sharpest plane,
-    over the whole opening, is from that of the design wavelength.
+    The Gaussian image of the point is at v, the exit pupil at e, and the blur radius
+    ``R (s - v) / (v - e)`` on the sensor at s. The row has this radius: its plane is ``(s - v) / (v - e)``
+    times ``v - e`` of the focus. Light of another wavelength is shifted by the distance of its sharpest
+    plane, at full aperture, from that of the design wavelength.
     """
     cardinal = lens.paraxial.cardinal
     # Depths count from the entrance pupil.
@@ -136,14 +137,14 @@ def profile_row(
 def profile_psf(
     texture: ProfileTexture, rows: np.ndarray, colors: np.ndarray, pitch: float, size: int
 ) -> np.ndarray:
-    """Return the blur of a point, (size, size, C), all channels together C but for what falls outside.
+    """Return the blur of a point, (size, size, C), with sum C over all channels, less the light outside.
 
     Args:
-        texture: Of the lens.
+        texture: Texture of the lens.
         rows: Plane of each wavelength from :func:`profile_row`, mm, (L,).
-        colors: What each wavelength carries of the channels, (L, C).
+        colors: Weight of each wavelength in the channels, (L, C).
         pitch: Distance between two cells, mm.
-        size: Cells along each side.
+        size: Number of cells along each side.
     """
     axis = (np.arange(size) + 0.5 - size / 2) * pitch
     radius = np.hypot(axis, axis[:, None])
@@ -152,14 +153,14 @@ def profile_psf(
     place = np.interp(rows, texture.planes, np.arange(count))
     for at, color in zip(place, colors, strict=True):
         row = min(int(at), count - 2)
-        share = at - row
-        reach = (1 - share) * texture.reach[row] + share * texture.reach[row + 1]
-        profile = (1 - share) * texture.light[row] + share * texture.light[row + 1]
-        # All light within a radius, so that a ring thinner than a cell is spread over it.
-        within = np.concatenate([[0.0], np.cumsum(profile * (2 * np.arange(columns) + 1) / columns**2)])
+        fraction = at - row
+        reach = (1 - fraction) * texture.reach[row] + fraction * texture.reach[row + 1]
+        profile = (1 - fraction) * texture.light[row] + fraction * texture.light[row + 1]
+        # Cumulative light, so that a ring thinner than a cell is spread over it.
+        cumulative = np.concatenate([[0.0], np.cumsum(profile * (2 * np.arange(columns) + 1) / columns**2)])
         ends = (np.maximum(radius - pitch / 2, 0), radius + pitch / 2)
-        low, high = (np.interp(end / reach * columns, np.arange(columns + 1), within) for end in ends)
-        seen = (high - low) / (np.pi * (ends[1] ** 2 - ends[0] ** 2))
-        picture += seen[..., None] * color
+        low, high = (np.interp(end / reach * columns, np.arange(columns + 1), cumulative) for end in ends)
+        density = (high - low) / (np.pi * (ends[1] ** 2 - ends[0] ** 2))
+        picture += density[..., None] * color
     total = float(colors.sum())
     return picture * (pitch * pitch * colors.shape[1] / total)

@@ -1,4 +1,4 @@
-"""The lens ray transfer function in a file, and how far its rays are from traced ones."""
+"""File of the lens ray transfer function, and its errors relative to traced rays."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.lookup.lens_archive import opened_archive, write_archive
+from bokehnet.lenses.lookup.lens_archive import open_archive, write_archive
 from bokehnet.lenses.lookup.transfer import TransferLens, TransferTable
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.optics.sampling import disc_from_square, halton
@@ -19,25 +19,25 @@ __all__ = ["TransferError", "read_transfer", "transfer_errors", "write_transfer"
 
 _KIND = "lens ray transfer function 1"
 _NUMBERS = ("sensor", "sensor_radius", "pupil_radius")
-# Shares of the picture's radius between which errors are told, and rays for each.
+# Zones of reported errors, fractions of the image radius, and number of rays for each.
 _ZONES, _RAYS = (0.0, 0.4, 0.7, 1.0), 8000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TransferError:
-    """How far looked-up rays are from traced ones in a zone of the picture.
+    """Errors of looked-up rays relative to traced ones in a zone of the picture.
 
     Attributes:
-        zone: Shares of the picture's radius, from and to.
-        rms: Root mean square of the distance in the plane of focus, micrometres as the sensor shows it.
-        largest: The largest distance.
-        differ: Share of rays of which one of both passes.
+        zone: Fractions of the image radius, from and to.
+        rms: Root mean square distance in the plane of focus, micrometres on the sensor.
+        largest: Largest distance, micrometres on the sensor.
+        disagreement: Fraction of rays that only one of both passes.
     """
 
     zone: tuple[float, float]
     rms: float
     largest: float
-    differ: float
+    disagreement: float
 
 
 def write_transfer(lens: TransferLens, file: Path | IO[bytes]) -> None:
@@ -56,13 +56,13 @@ def write_transfer(lens: TransferLens, file: Path | IO[bytes]) -> None:
 
 
 def read_transfer(path: str | Path) -> TransferLens:
-    """Read what :func:`write_transfer` wrote: the lens fully open, focused at infinity.
+    """Read a file of :func:`write_transfer`: the lens fully open, focused at infinity.
 
     Raises:
-        LensError: The file is missing or damaged, or holds something else.
+        LensError: The file is missing or damaged, or contains other data.
     """
     problem = None
-    with opened_archive(path, _KIND, "lens") as (file, prescription):
+    with open_archive(path, _KIND, "lens") as (file, prescription):
         table = TransferTable(
             coefficients=np.asarray(file["coefficients"], float),
             **{name: float(file[name]) for name in _NUMBERS},
@@ -80,29 +80,29 @@ def read_transfer(path: str | Path) -> TransferLens:
 
 
 def transfer_errors(lens: TransferLens) -> list[TransferError]:
-    """Compare looked-up rays with traced ones at the design wavelength, by zones of the picture."""
+    """Return the errors of looked-up rays relative to traced ones at the design wavelength, by zone."""
     fields = {item.name: getattr(lens, item.name) for item in dataclasses.fields(PrescriptionLens)}
     traced = PrescriptionLens(**fields)
     square = np.stack([halton(_RAYS, base) for base in (2, 3, 5, 7)], -1)
     pupil = disc_from_square(square[:, :2])
     depth = min(lens.focus_distance, 1e5)
-    found = []
+    errors = []
     for low, high in pairwise(_ZONES):
         radius = np.sqrt(low**2 + (high**2 - low**2) * square[:, 2]) * lens.prescription.image_radius
         angle = 2 * np.pi * square[:, 3]
         place = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
-        a, b = (one.sample_rays(place, pupil) for one in (traced, lens))
+        a, b = (model.sample_rays(place, pupil) for model in (traced, lens))
         assert a.weight is not None
         assert b.weight is not None
         both = (a.weight > 0) & (b.weight > 0)
-        apart = (a.origin + depth * a.slope - b.origin - depth * b.slope)[both]
-        off = 1000 * np.linalg.norm(apart, axis=-1) * traced.sensor_distance / depth
-        found.append(
+        difference = (a.origin + depth * a.slope - b.origin - depth * b.slope)[both]
+        distance = 1000 * np.linalg.norm(difference, axis=-1) * traced.sensor_distance / depth
+        errors.append(
             TransferError(
                 zone=(low, high),
-                rms=float(np.sqrt((off**2).mean())) if len(off) else 0.0,
-                largest=float(off.max(initial=0.0)),
-                differ=float(((a.weight > 0) != (b.weight > 0)).mean()),
+                rms=float(np.sqrt((distance**2).mean())) if len(distance) else 0.0,
+                largest=float(distance.max(initial=0.0)),
+                disagreement=float(((a.weight > 0) != (b.weight > 0)).mean()),
             )
         )
-    return found
+    return errors

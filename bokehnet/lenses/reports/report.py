@@ -56,7 +56,8 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
         f"travel {lens.sensor_position - cardinal.rear_focus:.3f} mm",
         "depth of field": f"{near} to {far} for a blur radius of {limit:.4f} mm",
         "rays that pass": f"{'/'.join(percentages[:3])} % aimed at the exit pupil, "
-        f"{'/'.join(percentages[3:])} % at the effective pupil (centre/0.7/edge of {design.image_radius:g} mm)",
+        f"{'/'.join(percentages[3:])} % at the effective pupil "
+        f"(centre/0.7/edge of {design.image_radius:g} mm)",
     }
 
 

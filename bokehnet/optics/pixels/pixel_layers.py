@@ -23,7 +23,9 @@ _MIN_TRANSMITTANCE = 1e-3
 
 
 @njit(cache=True)
-def _cut(values, order, count, layers, min_gap, begins):  # type: ignore[no-untyped-def]
+def _cut(
+    values: np.ndarray, order: np.ndarray, count: int, layers: int, min_gap: float, begins: np.ndarray
+) -> None:
     """Mark in ``begins`` the sorted values that start a new layer: those after the widest gaps."""
     gaps = np.zeros(count)
     begins[:count] = False
@@ -37,7 +39,16 @@ def _cut(values, order, count, layers, min_gap, begins):  # type: ignore[no-unty
 
 
 @njit(cache=True, parallel=True)
-def _merge(colors, disparity, coverage, min_gap, merged, depths, covers):  # type: ignore[no-untyped-def]
+def _merge(
+    colors: np.ndarray,
+    disparity: np.ndarray,
+    coverage: np.ndarray,
+    min_gap: float,
+    merged: np.ndarray,
+    depths: np.ndarray,
+    covers: np.ndarray,
+) -> None:
+    """Merge the surfaces of every pixel into the output arrays; shapes as for :func:`merge_surfaces`."""
     pixels, samples, surfaces = disparity.shape
     layers = depths.shape[1]
     for p in prange(pixels):
@@ -53,7 +64,7 @@ def _merge(colors, disparity, coverage, min_gap, merged, depths, covers):  # typ
         order = np.argsort(-value[:count], kind="mergesort")
         _cut(value, order, count, layers, min_gap, begins)
         clear, through = np.ones(samples), np.ones(samples)
-        remaining, layer, weight, own, seen = 1.0, -1, 0.0, 0.0, 0.0
+        remaining, layer, weight, own, visible = 1.0, -1, 0.0, 0.0, 0.0
         for i in range(count + 1):
             if i == count or begins[i] or i == 0:
                 if i > 0:
@@ -61,21 +72,21 @@ def _merge(colors, disparity, coverage, min_gap, merged, depths, covers):  # typ
                         merged[p, layer, c] /= weight
                     depths[p, layer] /= weight
                     alone = own / samples
-                    shown = seen / samples / remaining if remaining > _MIN_TRANSMITTANCE else alone
+                    shown = visible / samples / remaining if remaining > _MIN_TRANSMITTANCE else alone
                     covers[p, layer] = min(max(shown, alone if remaining <= _MIN_TRANSMITTANCE else 0.0), 1.0)
-                    remaining = max(remaining - seen / samples, 0.0)
+                    remaining = max(remaining - visible / samples, 0.0)
                     for s in range(samples):
                         clear[s] *= through[s]
                 if i == count:
                     break
                 layer += 1
                 through[:] = 1.0
-                weight = own = seen = 0.0
+                weight = own = visible = 0.0
             s, k = place[order[i]] // surfaces, place[order[i]] % surfaces
             alpha = through[s] * coverage[p, s, k]
             through[s] -= alpha
             own += alpha
-            seen += clear[s] * alpha
+            visible += clear[s] * alpha
             alpha *= clear[s] + _OCCLUDED_WEIGHT
             weight += alpha
             for c in range(3):

@@ -124,7 +124,7 @@ def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
 
 
 @pytest.mark.parametrize(
-    ("value", "words"), [(0.0, ["light inside the opening", "none"]), (-1.0, ["from 0 up"])]
+    ("value", "words"), [(0.0, ["light inside the aperture", "none"]), (-1.0, ["from 0 up"])]
 )
 def test_an_aperture_picture_without_light(fails, folder, value, words):
     write_image("dark.exr", np.full((8, 8, 3), value))

@@ -333,7 +333,7 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
         (["--defocus-map", "disparity.png", "--blur", 3], ["--defocus-map: expected no camera and no tilt"]),
         (
             ["--defocus-map", "camera.exr", "--focus", 0.5],
-            ["--focus: expected nothing: --defocus-map is focused"],
+            ["--focus: expected nothing: --defocus-map is already focused"],
         ),
         (["--defocus-map", "missing.exr"], ["missing.exr: no such file"]),
         (

@@ -65,7 +65,7 @@ def test_settings_files_say_the_same(p3, cli, folder):
         (("-o", "out.jpg", "--bits", 16), ("--bits: expected 8 for .jpg, got 16; write .png or .tif",)),
         (("-o", "out.png", "--bits", 12), ("--bits: expected one of 10, 16, 8, float, half",)),
         (("-o", "out.hdr", "--color-space", "prophoto"), ("--color-space: expected keep or srgb for .hdr",)),
-        (("-o", "out.avif", "--max-memory", "2G"), ("--max-memory: expected none for AVIF and HEIC",)),
+        (("-o", "out.avif", "--max-memory", "2G"), ("--max-memory: expected no limit for AVIF and HEIC",)),
         (("-o", "out.avif", "--bits", 16), ("--bits: expected 8 for .avif, got 16",)),
         (("-o", "out.jpg", "--quality", 0), ("--quality: expected 1 to 100",)),
     ],

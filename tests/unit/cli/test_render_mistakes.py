@@ -58,7 +58,7 @@ ALL = [*MAP, *SIZES]
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", "nan"], ["--sensor-width", "finite"]),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--channel", "W"], ["no channel 'W'", "Z"]),
         ([*PHOTO, "--depth", "disparity.png", *LENS], ["floating point", "disparity"]),
-        ([*ALL, "--engine", "magic"], ["rays, rectangle, scatter", "magic"]),
+        ([*ALL, "--engine", "magic"], ["rays, scatter", "magic"]),
         ([*ALL, "--repair-disparity", "maybe"], ["--repair-disparity", "auto, off, on", "maybe"]),
         ([*ALL, "--save-maps", "photo.png/maps"], ["--save-maps", "photo.png"]),
     ],

@@ -128,9 +128,8 @@ def test_a_photo_without_depth_is_told(portrait, cli):
     write_bytes(portrait / "plain.jpg", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
     outcome = cli("render", "plain.jpg", "-o", "out.jpg", "--f-number", 1.8)
     assert outcome.code == 1
-    assert (
-        "expected one of --disparity and --depth, got neither, and plain.jpg has no depth map" in outcome.err
-    )
+    expected = "expected one of --disparity and --depth, got neither, and plain.jpg has no depth map"
+    assert expected in outcome.err
     outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--focus", 0.5)
     assert (
         "--focus: expected nothing: it does not apply to a photo's own depth "

@@ -30,7 +30,9 @@ def test_a_map_that_is_turned_against_its_picture_is_not_squashed(folder, fails,
     write_image("turned.png", np.random.default_rng(0).random((*size, 1)).repeat(3, -1))
     words = ["render", "photo.png", "--disparity", "turned.png", *RELATIVE, *resize]
     fails(
-        words, f"64x40 pixels but its disparity is {size[1]}x{size[0]}, turned by 90 degrees", "turn the map"
+        words,
+        f"64x40 pixels but its disparity is {size[1]}x{size[0]}, turned by 90 degrees",
+        "rotate the map",
     )
 
 
@@ -92,7 +94,7 @@ def test_a_map_that_is_nearly_constant_is_told(folder, cli, write_channels):
     write_channels(folder / "flat.exr", disparity=values)
     found, *_ = notes(cli("render", "photo.png", "--disparity", "flat.exr", *RELATIVE, "-o", "out.png"))
     assert found.startswith("the disparity map only ranges from 0.5 to 0.5005")
-    assert "--disparity-range says" in found
+    assert "--disparity-range sets" in found
     words = [*RELATIVE, "--disparity-range", "0,1", "-o", "out.png"]
     assert notes(cli("render", "photo.png", "--disparity", "flat.exr", *words)) == []
 
@@ -112,9 +114,7 @@ def test_depth_in_another_unit_is_told(folder, cli, write_channels, factor, unit
     write_channels(folder / "z.exr", Z=metres * factor)
     options = [*METRIC, "--depth-unit", unit, "-o", "out.png"]
     found = notes(cli("render", "large.png", "--depth", "z.exr", *options))
-    assert (
-        (found == []) if words is None else (words in found[0] and "--depth-unit or the camera" in found[0])
-    )
+    assert (found == []) if words is None else (words in found[0] and "check --depth-unit" in found[0])
 
 
 def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):
@@ -136,7 +136,7 @@ def test_the_depth_of_an_exr_is_its_own(folder, cli):
 
 def test_the_depth_of_an_exr_may_be_blurred_as_disparity(folder, cli):
     (found,) = notes(cli("render", "camera.exr", *RELATIVE, "-o", "own.exr"))
-    assert found.startswith("camera.exr: depth is metres in its channel Z")
+    assert found.startswith("camera.exr: using its channel Z as depth in metres")
 
 
 @pytest.mark.parametrize("name", ["ViewLayer.Depth.Z", "ViewLayer.Depth.V", "Depth.V", "ViewLayer.depth"])

@@ -243,7 +243,7 @@ def test_strata_of_the_square_stay_strata():
         ("grain_seed", 1.5, "grain_seed: expected a whole number from 0 up, got 1.5"),
         ("obstruction", 1.0, "obstruction: expected 0 to 0.95, got 1"),
         ("picture", np.full((3, 3), -1.0), "finite values from 0 up"),
-        ("picture", np.zeros((3, 3)), "expected light inside the opening"),
+        ("picture", np.zeros((3, 3)), "expected light inside the aperture"),
     ],
 )
 def test_numbers_out_of_range_are_rejected(name, value, message):

@@ -176,7 +176,7 @@ def test_a_picture_that_folds_is_told_by_its_field(effects, parameter):
     assert caught.value.parameter == parameter
 
 
-@pytest.mark.parametrize(("value", "words"), [(0.0, "light inside the opening"), (-1.0, "from 0 up")])
+@pytest.mark.parametrize(("value", "words"), [(0.0, "light inside the aperture"), (-1.0, "from 0 up")])
 def test_a_picture_of_no_opening_is_told_by_its_field(tmp_path, value, words):
     write_image(tmp_path / "dark.exr", np.full((8, 8, 3), value))
     with pytest.raises(ParameterError, match=words) as caught:

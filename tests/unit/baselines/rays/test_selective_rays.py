@@ -145,7 +145,11 @@ def test_a_wrong_callback_is_one_line(answer, error, message):
 
 def test_wrong_numbers_are_refused():
     image, depth, normals = pinhole()
-    for options, name in (({"mask": "edges"}, "mask"), ({"rule": "his"}, "rule"), ({"most": 0}, "most")):
+    for options, name in (
+        ({"mask": "edges"}, "mask"),
+        ({"rule": "his"}, "rule"),
+        ({"max_rays": 0}, "max_rays"),
+    ):
         with pytest.raises(ParameterError, match=name):
             selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
     with pytest.raises(ShapeError, match="depth"):
@@ -250,7 +254,7 @@ def test_a_mask_of_ones_own_says_who_sends_rays():
     share[:, WIDTH // 2 - 4 : WIDTH // 2 + 4] = 1
     sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share).rays
     assert np.array_equal(sent > 0, share > 0)
-    with pytest.raises(ParameterError, match=r"^mask: expected shares from 0 to 1"):
+    with pytest.raises(ParameterError, match=r"^mask: expected fractions from 0 to 1"):
         selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=2 * share)
     with pytest.raises(ShapeError, match="mask"):
         selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share[1:])

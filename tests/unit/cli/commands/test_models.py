@@ -80,7 +80,7 @@ def test_a_network_is_downloaded_once_after_consent_and_used_offline_then(run, h
 
     got = run("models", "tiny", "--get")
     assert (got.returncode, REVISION in got.stdout) == (0, True), got.stderr
-    assert run("models").stdout.split()[1] == "here"
+    assert run("models").stdout.split()[1] == "downloaded"
 
     asked = len(hub.asked)
     done = run(*DEPTH, HF_HUB_OFFLINE="1")
@@ -137,8 +137,8 @@ def test_a_download_that_breaks_off_leaves_nothing_that_counts(run, hub, tmp_pat
 @pytest.mark.parametrize(
     ("variables", "change", "words"),
     [
-        ({"HF_HUB_OFFLINE": "1"}, {}, ["HF_HUB_OFFLINE set", "onnx/model.onnx", "unset it"]),
-        ({"HF_ENDPOINT": "http://127.0.0.1:9"}, {}, ["127.0.0.1:9", "HF_ENDPOINT can name a mirror"]),
+        ({"HF_HUB_OFFLINE": "1"}, {}, ["HF_HUB_OFFLINE is set", "onnx/model.onnx", "unset it"]),
+        ({"HF_ENDPOINT": "http://127.0.0.1:9"}, {}, ["127.0.0.1:9", "set HF_ENDPOINT for a mirror"]),
         ({}, {"gated": True}, ["an account", "HF_TOKEN"]),
         ({}, {"files": {}}, ["has no onnx/model.onnx of tests/tiny"]),
     ],

@@ -90,7 +90,7 @@ def test_a_file_of_another_program_is_imported_and_used(cli, tmp_path):
     power = 0.5168 * (0.03 - 0.5168 * 4 * 0.0002 / 1.5168)
     outcome = cli("lens", "import", tmp_path / "a.zmx", "-o", tmp_path / "a.toml")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "clear apertures of 2 surfaces are ours" in outcome.out
+    assert "clear apertures of 2 surfaces computed" in outcome.out
     assert f"{1 / power:.4g}" in outcome.out
     for file in ("a.zmx", "a.toml"):
         shown = cli("lens", tmp_path / file)

@@ -15,7 +15,7 @@ def test_a_picture_without_lamps_is_refused_and_nothing_written(cli, tmp_path):
     write_image(tmp_path / "a.png", np.full((40, 50, 3), 0.1, np.float32))
     outcome = cli("lens", "fit", tmp_path / "a.png", "-o", tmp_path / "look.toml")
     assert outcome.code == 1
-    assert "lights: expected at least one blurred lamp that stands alone, found none" in outcome.err
+    assert "lights: expected at least one isolated blurred lamp, found none" in outcome.err
     assert not (tmp_path / "look.toml").exists()
 
 

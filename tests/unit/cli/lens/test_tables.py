@@ -14,7 +14,7 @@ def test_a_table_is_written_and_rendered_with(cli, tmp_path):
     table = tmp_path / "a.csv"
     outcome = cli("lens", "aberrations", "petzval", "--theory", "seidel", "-o", table)
     assert (outcome.code, outcome.err) == (0, "")
-    assert "64 wavelengths, 0 rims" in outcome.out
+    assert "64 wavelengths, 0 vignetting apertures" in outcome.out
     assert table.read_text().startswith("# name = Petzval\n# focal_length = 99.98")
     rng = np.random.default_rng(0)
     write_image(tmp_path / "in.exr", rng.uniform(0, 1, (24, 32, 3)).astype(np.float32))

@@ -80,7 +80,7 @@ def test_each_position_of_a_zoom_has_the_focal_length_that_is_printed(tmp_path: 
     for position, printed in ((1, 72.10), (2, 135.0), (3, 194.01)):
         assert _focal_length(f"{path}@{position}") == pytest.approx(printed, rel=0.01)
     first = import_lens(path)
-    assert any("first of 3 positions" in sentence for sentence in first.said)
+    assert any("first of 3 positions" in sentence for sentence in first.notes)
     assert not first.prescription.floating
 
 

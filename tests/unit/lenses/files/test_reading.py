@@ -88,7 +88,7 @@ def test_commands_take_such_a_file_directly(put, cli):
 
 def test_what_was_assumed_and_passed_over_is_said(put):
     found = import_lens(put("a.zmx", ZMX))
-    assert "___BLANK stands for nd 1.62, Vd 36.3" in found.said
+    assert "___BLANK approximated by nd 1.62, Vd 36.3" in found.notes
     assert found.skipped["VERS"] == 1
     assert found.skipped["GCAT"] == 1
     assert "DIAM" not in found.skipped

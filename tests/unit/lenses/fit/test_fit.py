@@ -61,7 +61,7 @@ def test_blades_that_nobody_sees_are_a_round_opening():
     assert found.look.blades == 0
     assert "curvature" not in found.deviation
     forced = fit_look(image, find_discs(image[..., 1]), blades=(6,))
-    assert set(forced.others) == {6}
+    assert set(forced.residual_by_blades) == {6}
 
 
 def picture(look, radius=-22.0, noise=0.004):
@@ -94,13 +94,13 @@ def test_a_look_is_found_again_with_its_doubt():
         error = abs(getattr(found.look, name) - getattr(truth, name))
         assert error < apart
         assert error < 6 * found.deviation[name] < 6 * apart
-    assert found.left < 0.05
-    assert found.others[6] == min(found.others.values())
+    assert found.residual < 0.05
+    assert found.residual_by_blades[6] == min(found.residual_by_blades.values())
 
 
 def test_no_lamp_and_only_clipped_ones_are_refused():
     image = np.zeros((60, 60, 3))
-    with pytest.raises(LensError, match="lights: expected at least one blurred lamp"):
+    with pytest.raises(LensError, match="lights: expected at least one isolated blurred lamp"):
         fit_look(image, [])
     with pytest.raises(LensError, match=r"expected light below white .* found it clipped"):
         fit_look(image + 1, [Disc(x=30, y=30, radius=10)])
@@ -116,7 +116,8 @@ def test_a_round_opening_gets_no_blades_from_correlated_noise(lamps, radius):
     discs = [Disc(x=x, y=y, radius=abs(radius)) for x, y in PLACES[:lamps]]
     found = fit_look(image, discs, blades=(0, 5, 8))
     assert found.look.blades == 0
-    assert found.others[5] < found.others[0]  # blades do leave less of what they were fitted to
+    residual = found.residual_by_blades
+    assert residual[5] < residual[0]  # blades do reduce the residual of the discs that they are fitted to
 
 
 @pytest.mark.parametrize("lamps", [1, 3])

@@ -35,13 +35,13 @@ def test_errors_are_told_by_zone(stored):
     rows = transfer_errors(stored[0])
     assert [row.zone for row in rows] == [(0.0, 0.4), (0.4, 0.7), (0.7, 1.0)]
     assert all(0 < row.rms <= row.largest < 0.1 for row in rows)
-    assert all(row.differ < 5e-4 for row in rows)
+    assert all(row.disagreement < 5e-4 for row in rows)
     coarse = transfer_errors(TransferLens(prescription=stored[0].prescription, degree=2))
     assert coarse[0].rms > 10 * rows[0].rms
 
 
 def test_a_table_is_of_one_focal_length(stored):
-    with pytest.raises(LensError, match="a transfer table is of one focal length"):
+    with pytest.raises(LensError, match="a transfer table has one focal length"):
         load_lens(stored[1], focal_length=50.0)
 
 

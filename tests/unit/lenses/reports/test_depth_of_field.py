@@ -6,7 +6,7 @@ import pytest
 
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import ThickLens, ThinLens
-from bokehnet.lenses.reports import depth_of_field
+from bokehnet.lenses.reports.depth_of_field import depth_of_field
 
 
 def test_limits_are_those_of_the_hyperfocal_formulas():

@@ -84,7 +84,9 @@ def test_disparity_as_it_is_stored_is_not_stretched(folder, write_channels, step
     found = both("half.exr", 0.5 * steps, shown, lambda given: RelativeDisparity(map=given, as_stored=True))
     assert_array_equal(found.values, 0.5 * steps)
     write_channels("beyond.exr", Y=2 * steps)
-    with pytest.raises(ImageFileError, match=r"beyond.exr: expected disparity in 0..1.*found 0 to 2; set"):
+    with pytest.raises(
+        ImageFileError, match=r"beyond.exr: expected stored disparity in 0..1.*found 0 to 2; set"
+    ):
         RelativeDisparity(map="beyond.exr", as_stored=True).depth_map(shown)
     with pytest.raises(ParameterError, match=r"^disparity: expected stored values of 0 to 1, got 0 to 2"):
         RelativeDisparity(map=2 * steps, as_stored=True).depth_map(shown)
