@@ -260,7 +260,7 @@ class Bench:
 
         def measure() -> dict[str, Any]:
             image, radii = scene(width, height, blur)
-            options: dict[str, Any] = {"rays_share": 0.125} if self.simulated else {}
+            options: dict[str, Any] = {"rays_factor": 0.125} if self.simulated else {}
             if changes in ("front", "behind"):
                 radii = np.abs(radii) if changes == "front" else -np.abs(radii)
             if changes == "lights":
@@ -392,7 +392,7 @@ def _first_calls(device: str) -> dict[str, float]:
     runs: dict[str, Callable[[], Any]] = {
         "scatter": lambda: scatter_on(device)(image, radii),
         "rays": lambda: render_rays(
-            image, radii, device=Device(scatter_on(device), CudaMarch()), rays_share=0.125
+            image, radii, device=Device(scatter_on(device), CudaMarch()), rays_factor=0.125
         ),
     }
     for name, run in runs.items():

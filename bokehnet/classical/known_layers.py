@@ -11,6 +11,7 @@ from numba import prange
 
 from bokehnet.checks import check_finite, check_rank
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.deprecation import earlier_name
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.kernels import njit
 
@@ -74,6 +75,8 @@ class Layers:
             raise ParameterError("coverage", "0 to 1", self.coverage, shown=shown)
         expected = "layers from front to back"
         raise ParameterError("defocus", expected, self.defocus, shown="a layer in front of the previous one")
+
+    in_light = earlier_name("in_light", "with_mapped_colors")
 
 
 @njit(cache=True, parallel=True)

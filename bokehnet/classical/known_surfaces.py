@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_finite
+from bokehnet.deprecation import earlier_name
 from bokehnet.errors import ParameterError, ShapeError
 
 __all__ = ["KnownSurfaces", "concatenate_surfaces"]
@@ -145,6 +146,8 @@ class KnownSurfaces:
     def without_colors(self) -> "KnownSurfaces":
         """Return the same surfaces without colors, for another picture of the same surfaces."""
         return replace(self, front=None, back=None)
+
+    in_light = earlier_name("in_light", "with_mapped_colors")
 
 
 def concatenate_surfaces(parts: Sequence[KnownSurfaces]) -> KnownSurfaces | None:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace, number_of
+from bokehnet.deprecation import earlier_name
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.effective_pupil import EffectivePupil, find_effective_pupil
@@ -270,3 +271,5 @@ class PrescriptionLens:
         beam = beam_between((place[..., 0], place[..., 1], start), (end[..., 0], end[..., 1], start + 1.0))
         beam = trace(self.surfaces_at(wavelength), beam)
         return array_namespace(place).stack(beam.at(self.sensor_position), -1), beam.passes
+
+    fastest = earlier_name("fastest", "min_f_number")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bokehnet.checks import check_kind
+from bokehnet.deprecation import earlier_name
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
@@ -69,3 +70,5 @@ class LensResponse:
 
     def _one_wavelength(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         return np.full(count, float(np.median(self.aberration_map.wavelengths))), np.ones((count, 3))
+
+    is_plain = earlier_name("is_plain", "is_ideal")
