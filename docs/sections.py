@@ -18,7 +18,7 @@ _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)]+)\)")
 
 
 def section(text: str, heading: str | None) -> str:
-    """Return the text under ``heading``, up to the next one of its level; without it, the text under the first.
+    """Return the text under ``heading``, or under the first heading, up to the next one of its level.
 
     Raises:
         ValueError: There is no such heading.
