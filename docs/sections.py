@@ -1,7 +1,7 @@
 """mkdocs hook: include ``{{ FILE }}`` and ``{{ FILE: HEADING }}`` of the repository, and ``{{ options }}``.
 
-Figures and the model card stay in one place each. The included text loses its own heading; links to ``docs/``
-become links of the site, other links to files become names. ``{{ options }}`` lists every option of
+Figures and the model card stay in one place each. The included text loses its own heading. Links to ``docs/``
+become links of the site; other links to files become names. ``{{ options }}`` lists every option of
 ``bokehnet render`` from the settings.
 """
 
@@ -18,13 +18,13 @@ _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)]+)\)")
 
 
 def section(text: str, heading: str | None) -> str:
-    """Return what stands under ``heading``, up to the next one as high; all under the first without one.
+    """Return the text under ``heading``, or under the first heading, up to the next one of its level.
 
     Raises:
         ValueError: There is no such heading.
     """
-    # Comments in code look like headings; blanks keep every place where it is.
-    bare = _CODE.sub(lambda found: " " * len(found[0]), text)
+    # Comments in code look like headings; blanks keep every offset.
+    bare = _CODE.sub(lambda code: " " * len(code[0]), text)
     name = r".+" if heading is None else re.escape(heading)
     start = re.search(rf"^(#+) {name}$", bare, re.MULTILINE)
     if start is None:
@@ -34,7 +34,7 @@ def section(text: str, heading: str | None) -> str:
 
 
 def _relink(match: re.Match[str], page: str) -> str:
-    """Return a link of the repository as the site's: to pages of ``docs/``, else the name alone."""
+    """Return a link of the repository as a link of the site, or the name alone outside ``docs/``."""
     label, target = match[1], match[2]
     if not target.startswith("docs/"):
         return f"`{target}`"
@@ -79,5 +79,5 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Take out what Sphinx would read in docstrings: the roles before names, the colons before blocks."""
+    """Remove the markup of Sphinx in docstrings: roles before names, colons before blocks."""
     return re.sub(r":(?:func|class|meth|mod):(?=<code)|<p>::</p>", "", html)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Recipe of docs/use/hosts/overview.md for any render farm that runs commands; tested stand-alone, not in a farm's queue.
+# Recipe of docs/use/hosts/render_farm.md for any render farm that runs commands; tested stand-alone, not in a farm's queue.
 # render_chunk.sh FIRST LAST PICTURE.####.exr OUTPUT.####.exr [options of bokehnet render ...]
 # Exit code 0: all frames of the chunk exist. 1: some failed, with messages; a rerun renders only these.
 # 130, 143: interrupted or preempted; finished frames remain, no partial file does. 2: wrong call.

@@ -11,7 +11,7 @@ pixel in depth.
 
 Source: thesis 001, 4.2.1 and 4.2.2; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
 Eurographics 1987. As printed, the first selects the wrong one of two edges, and both a wrong pixel; see
-``docs/method/theses.md``.
+``docs/method/theses_formulas.md``.
 """
 
 import math

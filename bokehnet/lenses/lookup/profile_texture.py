@@ -5,8 +5,8 @@ once, represents the lens. Depth and wavelength only select the row: both move t
 image, and the relevant quantity is the distance of the sensor behind it. The texture includes spherical
 aberration and axial colour, but no change over the field.
 
-Source: Marsicano, "Rendering real time depth of field effects", 2023, 5.2.1 and 5.2.2, for textures of
-profiles; the mappings are our own.
+Source: Jeong, "Efficient and expressive rendering for real-time defocus blur and bokeh", dissertation, 5.2.1
+and 5.2.2, for textures of profiles; the mappings are our own.
 """
 
 from dataclasses import dataclass
