@@ -1,4 +1,4 @@
-"""Formulas of the theses, as printed and corrected: ``docs/method/theses_formulas.md`` says of them."""
+"""Formulas of the theses, as printed and corrected: ``docs/method/theses_formulas.md``."""
 
 import math
 
