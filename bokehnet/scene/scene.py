@@ -12,7 +12,7 @@ from bokehnet.checks import check_floats, check_light, check_map, check_same_siz
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
+from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.depth_repair.stages.repeated_pixels import unrepeated
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.frame import Frame, read_frame, without_origin
@@ -401,6 +401,9 @@ def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32
     if settings.mixed == "off" or (settings.mixed == "auto" and depth.filtered is None):
         return depth.values
     filtered = depth.filtered or "disparity"
-    if settings.mixed == "auto" and share_of_mixed(depth.values, filtered=filtered) < _MIN_MIXED_FRACTION:
+    if (
+        settings.mixed == "auto"
+        and mixed_pixel_fraction(depth.values, filtered=filtered) < _MIN_MIXED_FRACTION
+    ):
         return depth.values
     return repair_mixed(depth.values, filtered=filtered)

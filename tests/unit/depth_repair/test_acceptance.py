@@ -4,9 +4,9 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.depth_repair.acceptance import (
+    accept_repair,
     count_misplaced,
-    misplaced_shares,
-    take_misplaced,
+    misplaced_fractions,
 )
 
 
@@ -26,8 +26,8 @@ def test_counts_and_shares_are_those_of_a_loop():
     for row in range(6):
         for column in range(19):
             assert moved[row, column] == changed[8 * row : 8 * row + 8, 8 * column : 8 * column + 8].sum()
-    assert_allclose(take_misplaced(given, repaired).misplaced, changed.mean())
-    shares = misplaced_shares(near, moved)
+    assert_allclose(accept_repair(given, repaired).misplaced_fraction, changed.mean())
+    shares = misplaced_fractions(near, moved)
     for row, column in ((0, 0), (3, 9), (5, 18)):
         window = np.s_[max(0, row - 8) : row + 9, max(0, column - 8) : column + 9]
         wanted = (moved[window].sum() + 500 * changed.mean()) / (near[window].sum() + 500)
@@ -38,7 +38,7 @@ def test_a_map_that_is_wrong_on_one_side_is_repaired_there():
     right = bars(200, 800)
     given = right.copy()
     given[:, 3:200] = right[:, :197]
-    result, taken, _ = take_misplaced(given, right)
+    result, taken, _ = accept_repair(given, right)
     assert_array_equal(result, right)
     assert 0.25 < taken < 0.5
 
@@ -47,7 +47,7 @@ def test_single_mistakes_of_a_repair_are_not_taken():
     given = bars(200, 800)
     repaired = given.copy()
     repaired[100:104, 300:312] = 0.4
-    result, taken, _ = take_misplaced(given, repaired)
+    result, taken, _ = accept_repair(given, repaired)
     assert_array_equal(result, given)
     assert taken == 0
     assert not np.shares_memory(result, given)
@@ -55,6 +55,6 @@ def test_single_mistakes_of_a_repair_are_not_taken():
 
 def test_maps_without_steps_stay_as_they_are():
     given = np.full((20, 30), 0.5, np.float32)
-    result, taken, _ = take_misplaced(given, given.copy())
+    result, taken, _ = accept_repair(given, given.copy())
     assert_array_equal(result, given)
     assert taken == 0

@@ -14,7 +14,7 @@ from bokehnet.depth_repair.edge_profile import (
     edge_profile,
     find_depth_edges,
 )
-from bokehnet.depth_repair.map_offset import move_map
+from bokehnet.depth_repair.map_offset import translate_map
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
@@ -136,7 +136,7 @@ def test_shifts_need_a_certain_profile_of_their_direction_and_reach_no_further(
 def test_translations_of_the_map_are_accepted_and_no_others(offset):
     """Authority: the translation that the map has undergone."""
     truth = blobs()
-    image, edges = picture(truth), find_depth_edges(move_map(truth, offset))
+    image, edges = picture(truth), find_depth_edges(translate_map(truth, offset))
     back = (-offset[0], -offset[1])
     assert accepted_offset(image, edges, back) == back
     assert accepted_offset(image, edges, offset) == (0, 0)
@@ -145,7 +145,7 @@ def test_translations_of_the_map_are_accepted_and_no_others(offset):
 
 def test_a_wrong_component_of_a_translation_is_left_out():
     truth = blobs()
-    edges = find_depth_edges(move_map(truth, (0, 3)))
+    edges = find_depth_edges(translate_map(truth, (0, 3)))
     assert accepted_offset(picture(truth), edges, (4, -3)) == (0, -3)
 
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 from scipy.ndimage import shift as scipy_shift
 
 from bokehnet.depth_repair.edge_bias import shift_edges
-from bokehnet.depth_repair.map_offset import find_map_offset, move_map
+from bokehnet.depth_repair.map_offset import find_map_offset, translate_map
 from bokehnet.depth_repair.repair import DisparityRepair
 from tests.unit.depth_repair.test_edge_bias import Oracle, blobs, busy_blocks
 
@@ -17,13 +17,15 @@ OFFSETS = [(0, 1), (0, -2), (3, 0), (-4, 4), (5, -6), (-1, -7)]
 def test_moving_repeats_the_border(offset):
     """Oracle: scipy's shift."""
     disparity = np.random.default_rng(0).random((31, 43), dtype=np.float32)
-    assert_array_equal(move_map(disparity, offset), scipy_shift(disparity, offset, order=0, mode="nearest"))
+    assert_array_equal(
+        translate_map(disparity, offset), scipy_shift(disparity, offset, order=0, mode="nearest")
+    )
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
 def test_a_map_that_lies_beside_its_picture_is_moved_back(offset):
     truth = blobs()
-    given = move_map(truth, offset)
+    given = translate_map(truth, offset)
     for shift in (0, -2):  # which it may seem to need
         down, right = find_map_offset(given, shift, busy_blocks(given), Oracle(truth))
         assert (down, right) == (-offset[0], -offset[1])
@@ -71,7 +73,7 @@ def textured(truth: np.ndarray) -> np.ndarray:
 def test_the_repair_moves_a_map_and_says_so(offset, factor):
     """With the shipped network; a large picture is looked at when it is small."""
     truth = blobs()
-    given, image = move_map(truth, offset), textured(truth)
+    given, image = translate_map(truth, offset), textured(truth)
     if factor > 1:
         given, truth = (x.repeat(factor, 0).repeat(factor, 1) for x in (given, truth))
         image = image.repeat(factor, 0).repeat(factor, 1)

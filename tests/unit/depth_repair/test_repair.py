@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from bokehnet.depth_repair import repair as disparity_repair
-from bokehnet.depth_repair.acceptance import take_misplaced
+from bokehnet.depth_repair.acceptance import accept_repair
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
 from bokehnet.models.onnx_export import export_networks
@@ -53,9 +53,9 @@ def test_a_shift_is_taken_back_where_the_network_asks_for_it(untrained, monkeypa
     right = np.tile((columns < 10).astype(np.float32), (64, 1))
     given = np.where(np.arange(640) < grown, maximum_filter(right, (1, 5), mode="nearest"), right)
     repair, seen = DisparityRepair(untrained[0]), []
-    repair._look = lambda *_: (right.copy(), np.zeros(4))
+    repair._run_tiles = lambda *_: (right.copy(), np.zeros(4))
     repair._repair = lambda sizes, maps, *_, **__: seen.append(maps[0]) or maps[0].copy()
-    monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: False)
+    monkeypatch.setattr(disparity_repair, "is_unbiased", lambda votes: False)
     monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_: -2)
     monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
     repair(right[..., None] + np.ones(3, np.float32), given)
@@ -87,7 +87,7 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     image, disparity = scene(320, 400)
     repair = DisparityRepair(untrained[0])
     whole = repair(image, disparity)
-    monkeypatch.setattr(disparity_repair, "TILE", 288 * 288)
+    monkeypatch.setattr(disparity_repair, "MAX_TILE_PIXELS", 288 * 288)
     near = np.abs(repair(image, disparity) - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1
@@ -95,22 +95,24 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
 
 def test_the_networks_memory_is_given_back_before_the_map_is_enlarged(untrained, monkeypatch):
     """What the network sees last is 64 pixels wide, half the picture."""
-    for name, side in (("_LARGEST_SIDE", 40), ("_NETWORK_SIDE", 80)):
+    for name, side in (("_BASE_SIDE_PX", 40), ("_NETWORK_SIDE_PX", 80)):
         monkeypatch.setattr(disparity_repair, name, side)
-    monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: True)
+    monkeypatch.setattr(disparity_repair, "is_unbiased", lambda votes: True)
     monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
     repair, order = DisparityRepair(untrained[0]), []
-    run, give_back, enlarge = repair._run, repair._give_back, disparity_repair.align_steps
-    monkeypatch.setattr(repair, "_run", lambda image, *a: order.append(image.shape[2]) or run(image, *a))
-    monkeypatch.setattr(repair, "_give_back", lambda: order.append("given back") or give_back())
-    monkeypatch.setattr(disparity_repair, "align_steps", lambda *a: order.append("enlarged") or enlarge(*a))
+    run, give_back, enlarge = repair._run_network, repair._release_memory, disparity_repair.align_edges
+    monkeypatch.setattr(
+        repair, "_run_network", lambda image, *a: order.append(image.shape[2]) or run(image, *a)
+    )
+    monkeypatch.setattr(repair, "_release_memory", lambda: order.append("given back") or give_back())
+    monkeypatch.setattr(disparity_repair, "align_edges", lambda *a: order.append("enlarged") or enlarge(*a))
     repair(*scene(128, 128))
     assert order == [32, 64, "given back", "enlarged"]
 
 
 def test_in_large_pictures_thin_things_stay_where_something_else_is_put_right(monkeypatch):
     """Authority: the exact map: three depths by turns on the left; on the right a disc, shrunk by 6 px."""
-    monkeypatch.setattr(disparity_repair, "_LARGEST_SIDE", 128)
+    monkeypatch.setattr(disparity_repair, "_BASE_SIDE_PX", 128)
     y, x = np.mgrid[:192, :256]
     surface = np.where(x < 128, np.digitize(x % 12, [4, 8]), 2 * (np.hypot(y - 96, x - 192) < 40))
     colors = np.array([[0.1, 0.2, 0.6], [0.7, 0.1, 0.1], [0.8, 0.8, 0.3]])
@@ -157,13 +159,13 @@ def test_auto_leaves_maps_whose_steps_stand_right(untrained):
     image, disparity = scene(64, 80)
     repair = DisparityRepair(untrained[0])
     repaired = repair(image, disparity)
-    share = take_misplaced(disparity, repaired).misplaced
+    share = accept_repair(disparity, repaired).misplaced_fraction
     assert share > 0.1
     assert_array_equal(repair(image, disparity, "auto"), repaired)
     assert_array_equal(repair(image, disparity, "off"), disparity)
-    assert take_misplaced(disparity, disparity).misplaced == 0
+    assert accept_repair(disparity, disparity).misplaced_fraction == 0
     refine_none = np.where(np.arange(80) == 3, disparity + 0.5, disparity)
-    assert 0 <= take_misplaced(disparity, refine_none).misplaced < share
+    assert 0 <= accept_repair(disparity, refine_none).misplaced_fraction < share
 
 
 def test_auto_repairs_where_steps_stand_out_of_place_and_nowhere_else(untrained):
@@ -174,7 +176,7 @@ def test_auto_repairs_where_steps_stand_out_of_place_and_nowhere_else(untrained)
     given = right.copy()
     given[:, :320] = np.where(columns[:320] < 9, 1, 0)
     repair = DisparityRepair(untrained[0])
-    repair._look = lambda *_: (right.copy(), np.zeros(4))
+    repair._run_tiles = lambda *_: (right.copy(), np.zeros(4))
     found = repair.repair(image, given, "auto")
     assert_array_equal(found.disparity, right)
     assert found.repaired
@@ -182,7 +184,7 @@ def test_auto_repairs_where_steps_stand_out_of_place_and_nowhere_else(untrained)
     assert_array_equal(repair.repair(image, right, "auto").disparity, right)
     doubtful = right.copy()
     doubtful[160, 900:910] = 0.5  # ten pixels of a network that errs
-    repair._look = lambda *_: (doubtful.copy(), np.zeros(4))
+    repair._run_tiles = lambda *_: (doubtful.copy(), np.zeros(4))
     kept = repair.repair(image, right, "auto")
     assert_array_equal(kept.disparity, right)
     assert not kept.repaired

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.deblurring import blur_map, explain_soft_map, find_softness
+from bokehnet.depth_repair.stages.deblurring import blur_map, estimate_blur, restore_blurred_detail
 
 ndimage = pytest.importorskip("scipy.ndimage")
 HEIGHT, WIDTH = 96, 128
@@ -37,21 +37,21 @@ def test_the_blur_of_a_map_is_found(deviation):
     _, true, without = scene()
     given = ndimage.gaussian_filter(true, deviation)
     soft = np.abs(given - true) > 0.01
-    assert abs(find_softness(given, true, soft).deviation / deviation - 1) < 0.07
+    assert abs(estimate_blur(given, true, soft).sigma / deviation - 1) < 0.07
     below = soft & (np.arange(WIDTH) < 20)  # where nothing is missing
-    assert abs(find_softness(given, without, below).deviation / deviation - 1) < 0.07
+    assert abs(estimate_blur(given, without, below).sigma / deviation - 1) < 0.07
 
 
 def test_a_sharp_map_is_not_soft():
     _, true, _ = scene()
-    assert find_softness(ndimage.gaussian_filter(true, 0.6), true, np.ones(true.shape, bool)).deviation == 0
+    assert estimate_blur(ndimage.gaussian_filter(true, 0.6), true, np.ones(true.shape, bool)).sigma == 0
 
 
 def test_wires_that_the_blur_hid_are_found_again():
     image, true, without = scene()
     given = ndimage.gaussian_filter(true, 3.0)
     assert given[:, :90].max() < 0.7  # no pixel of the map holds a wire's depth
-    found = explain_soft_map(image, given, without, 3.0)
+    found = restore_blurred_detail(image, given, without, 3.0)
     wires = true > without
     walls = ~ndimage.binary_dilation(wires, iterations=1)
     assert np.abs(without - true)[wires].mean() > 0.5
@@ -64,5 +64,5 @@ def test_wires_that_the_blur_hid_are_found_again():
 
 def test_what_explains_the_given_map_stays():
     image, true, _ = scene()
-    found = explain_soft_map(image, blur_map(true, 3.0), true, 3.0)
+    found = restore_blurred_detail(image, blur_map(true, 3.0), true, 3.0)
     np.testing.assert_array_equal(found, true)

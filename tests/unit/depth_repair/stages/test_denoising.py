@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages.denoising import is_noisy, noise_level, without_noise
+from bokehnet.depth_repair.stages.denoising import denoise_map, is_noisy, noise_level
 from bokehnet.optics.encoding import encode
 
 
@@ -65,7 +65,7 @@ def test_the_mean_is_the_joint_bilateral_filter_done_twice():
             away = ((colors[window] - colors[y, x]) ** 2).sum(-1) / 0.06**2
             weight = np.exp(-0.5 * (away + ((before[window] - before[y, x]) / deviation) ** 2))
             wanted[y, x] = (weight * before[window]).sum() / weight.sum()
-    assert_allclose(without_noise(image, disparity, 0.1), wanted, atol=1e-5)
+    assert_allclose(denoise_map(image, disparity, 0.1), wanted, atol=1e-5)
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.03])

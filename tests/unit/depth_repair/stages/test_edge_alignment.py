@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.edge_alignment import align_steps
+from bokehnet.depth_repair.stages.edge_alignment import align_edges
 
 
 def scene(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -22,19 +22,19 @@ def test_a_step_two_pixels_off_goes_to_the_edge_of_the_picture(off):
     columns = 20 + np.arange(1100) // 100
     image, true = scene(columns)
     _, wrong = scene(columns + off)
-    found = align_steps(image, wrong, 0.05)
+    found = align_edges(image, wrong, 0.05)
     assert np.mean(found[4:-4] != true[4:-4]) < 0.001
 
 
 def test_what_lies_farther_off_or_below_the_least_step_stays():
     image, _ = scene(np.full(40, 20))
     _, far_off = scene(np.full(40, 30))
-    assert np.array_equal(align_steps(image, far_off, 0.05), far_off)
+    assert np.array_equal(align_edges(image, far_off, 0.05), far_off)
     _, near_by = scene(np.full(40, 21))
-    assert np.array_equal(align_steps(image, near_by, 0.8), near_by)
+    assert np.array_equal(align_edges(image, near_by, 0.8), near_by)
 
 
 def test_a_picture_without_an_edge_moves_nothing():
     _, disparity = scene(np.full(40, 20))
     grey = np.full((40, 48, 3), 0.4, np.float32)
-    assert np.array_equal(align_steps(grey, disparity, 0.05), disparity)
+    assert np.array_equal(align_edges(grey, disparity, 0.05), disparity)

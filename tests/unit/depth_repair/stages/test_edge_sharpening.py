@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.depth_repair.stages.edge_sharpening import on_slopes, repair_soft_edges, soft_edge_fraction
+from bokehnet.depth_repair.stages.edge_sharpening import repair_soft_edges, slope_mask, soft_edge_fraction
 
 
 def disc(size: int = 80) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_slopes_are_told_from_ramps(axis):
     ):
         values = np.moveaxis(np.broadcast_to(profile.astype(np.float32), (30, 81)), 1, axis)
         near_middle = np.moveaxis(np.broadcast_to(np.abs(x) < 4, (30, 81)), 1, axis)
-        found = on_slopes(values, near_middle)
+        found = slope_mask(values, near_middle)
         assert_array_equal(found, near_middle & expected)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
+from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.errors import ParameterError, ShapeError
 
 NEAR, FAR = 1.0, 0.1  # 1/m
@@ -98,9 +98,9 @@ def test_the_share_tells_filtered_maps_from_others():
     fine = np.where((x - 30) ** 2 + (y - 30) ** 2 < 20**2, NEAR, FAR + 0.001 * y)
     at_centres = fine[2::4, 2::4].astype(np.float32)
     filtered = fine.reshape(60, 4, 60, 4).mean((1, 3)).astype(np.float32)
-    assert share_of_mixed(at_centres) < 0.02
-    assert share_of_mixed(filtered) > 0.15
-    assert share_of_mixed(np.ones((5, 5), np.float32)) == 0
+    assert mixed_pixel_fraction(at_centres) < 0.02
+    assert mixed_pixel_fraction(filtered) > 0.15
+    assert mixed_pixel_fraction(np.ones((5, 5), np.float32)) == 0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2)])

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, zoom
 
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages.overshoots import without_overshoots
+from bokehnet.depth_repair.stages.overshoots import remove_overshoots
 
 
 def disc(side=160):
@@ -25,7 +25,7 @@ def test_a_rim_is_taken_back():
     given = ringing(smooth)
     assert given.max() > 0.88
     assert given.min() < 0.08
-    found = without_overshoots(given)
+    found = remove_overshoots(given)
     left = 2 * 0.015 * np.ptp(given)  # a flat part may hold so much, and as little is no overshoot
     assert 0.1 - left < found.min()
     assert found.max() < 0.85 + left
@@ -40,7 +40,7 @@ def test_a_map_enlarged_by_cubic_interpolation(factor):
     large = zoom(small, factor, order=3, mode="nearest", grid_mode=True).astype(np.float32)
     left = 2 * 0.015 * np.ptp(large)
     assert large.max() > 0.85 + left
-    found = without_overshoots(large)
+    found = remove_overshoots(large)
     assert 0.15 - left < found.min()
     assert found.max() < 0.85 + left
 
@@ -49,7 +49,7 @@ def test_of_a_large_map_few_rows_and_columns_are_seen():
     """Rims that are left where edges bend within what is not seen are a small part of all."""
     large = zoom(gaussian_filter(np.where(disc(240) > 0.5, 0.85, 0.15), 0.45), 9, order=3, mode="nearest")
     beyond = np.abs(large - 0.5) > 0.35 + 2 * 0.015 * np.ptp(large)
-    found = np.abs(without_overshoots(large) - 0.5) > 0.35 + 2 * 0.015 * np.ptp(large)
+    found = np.abs(remove_overshoots(large) - 0.5) > 0.35 + 2 * 0.015 * np.ptp(large)
     assert beyond.mean() > 0.002
     assert found.sum() < 0.05 * beyond.sum()
 
@@ -57,27 +57,27 @@ def test_of_a_large_map_few_rows_and_columns_are_seen():
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (-0.02, 3.0), (40.0, -7.0)])
 def test_near_and_far_scale_and_offset_are_alike(scale, offset):
     given = ringing(disc()).astype(np.float64)
-    wanted = scale * without_overshoots(given) + offset
+    wanted = scale * remove_overshoots(given) + offset
     np.testing.assert_allclose(
-        without_overshoots(scale * given + offset), wanted, atol=2e-6 * max(1, abs(scale))
+        remove_overshoots(scale * given + offset), wanted, atol=2e-6 * max(1, abs(scale))
     )
 
 
 def test_what_does_not_ring_stays_as_it_is():
     smooth = disc()
     rises = 8 * 0.1 / 160  # what the slope behind the disc does within the window
-    np.testing.assert_allclose(without_overshoots(smooth), smooth, atol=rises)
+    np.testing.assert_allclose(remove_overshoots(smooth), smooth, atol=rises)
     rows, columns = np.mgrid[:120, :120]
     wires = gaussian_filter(np.where(columns % 30 < 3, 0.9, 0.1), 1.5).astype(np.float32)
-    np.testing.assert_array_equal(without_overshoots(wires), wires)
+    np.testing.assert_array_equal(remove_overshoots(wires), wires)
     ground = np.where(rows < 60, 0.05, 0.3 + 0.005 * (rows - 60)).astype(np.float32)
-    np.testing.assert_array_equal(without_overshoots(ground), ground)
+    np.testing.assert_array_equal(remove_overshoots(ground), ground)
 
 
 def test_a_thing_of_its_own_before_a_rim_stays():
     before = disc()
     before[75:85, 118:124] = 1.0  # nearer than the disc by more than an overshoot
-    np.testing.assert_array_equal(without_overshoots(before)[75:85, 118:124], 1.0)
+    np.testing.assert_array_equal(remove_overshoots(before)[75:85, 118:124], 1.0)
 
 
 def test_the_repair_makes_no_ring():
@@ -95,4 +95,4 @@ def test_the_repair_makes_no_ring():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (17, 3)])
 def test_small_maps(shape):
     given = np.linspace(0, 1, shape[0] * shape[1], dtype=np.float32).reshape(shape)
-    assert without_overshoots(given).shape == shape
+    assert remove_overshoots(given).shape == shape

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.thin_structures import restore_lost_lines
+from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
 
 NEAR, LEAST = 0.8, 0.05
 SIZE = 96
@@ -36,7 +36,7 @@ def without(disparity, rows, columns):
 def test_a_wire_between_two_posts_comes_back_as_wide_as_it_is(bend):
     picture, truth = wire_fence(bend=bend)
     lost = without(truth, np.s_[:], np.s_[24:72])
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     missing = truth != lost
     assert (restored[missing] == np.float32(NEAR)).mean() > 0.9
     assert (restored != lost)[~missing].mean() < 0.01
@@ -46,34 +46,34 @@ def test_what_is_nearer_in_the_map_stays_as_it_is():
     picture, truth = wire_fence()
     lost = without(truth, np.s_[:], np.s_[24:72])
     kept = lost == np.float32(NEAR)
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     assert (restored[kept] == np.float32(NEAR)).all()
     assert (restored >= lost).all()
 
 
 def test_a_whole_map_stays_as_it_is():
     picture, truth = wire_fence()
-    assert np.array_equal(restore_lost_lines(picture, truth, LEAST), truth)
+    assert np.array_equal(restore_thin_structures(picture, truth, LEAST), truth)
 
 
 def test_a_wire_that_leads_nowhere_is_not_told_from_the_background():
     picture, truth = wire_fence()
     lost = without(truth, np.s_[:], np.s_[24:])
-    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), lost)
+    assert np.array_equal(restore_thin_structures(picture, lost, LEAST), lost)
 
 
 def test_a_line_of_other_colours_is_another_thing():
     picture, truth = wire_fence()
     lost = without(truth, np.s_[:], np.s_[24:72])
     picture[46:50, 22:74] = (0.5, 0.0, 0.0)
-    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), lost)
+    assert np.array_equal(restore_thin_structures(picture, lost, LEAST), lost)
 
 
 def test_a_line_between_things_at_other_depths_stays():
     picture, truth = wire_fence()
     lost = without(truth, np.s_[:], np.s_[24:72])
     lost[:, 72:] += np.float32(0.1) * (lost[:, 72:] > 0.5)
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     assert np.array_equal(restored, lost)
 
 
@@ -83,7 +83,7 @@ def test_a_piece_with_soft_rims_gives_its_own_disparity():
     lost = without(truth, np.s_[:], np.s_[22:74])
     for apart in range(5):
         lost[:, (22 + apart, 73 - apart)] = NEAR - 0.12 * (apart + 1)
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     assert (restored[47:49, 28:68] == np.float32(NEAR)).all()
 
 
@@ -102,7 +102,7 @@ def test_of_a_net_its_crossings_are_enough():
     picture, truth, worn = net()
     inner = np.s_[20:-20, 20:-20]
     lost = (worn != truth)[inner].mean()
-    assert (restore_lost_lines(picture, worn, LEAST) != truth)[inner].mean() < 0.5 * lost
+    assert (restore_thin_structures(picture, worn, LEAST) != truth)[inner].mean() < 0.5 * lost
 
 
 def test_beside_lines_that_are_found_one_of_another_colour_stays_behind():
@@ -112,7 +112,7 @@ def test_beside_lines_that_are_found_one_of_another_colour_stays_behind():
         picture[row - 2 : row + 2, 22:74], truth[row - 2 : row + 2, 22:74] = (0.85, 0.85, 0.9), NEAR
     picture[37:41, 19:77] = (0.8, 0.5, 0.35)
     lost = without(truth, np.s_[:], np.s_[24:72])
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     for row in (30, 48, 66):
         assert (restored[row - 1 : row + 1, 24:72] == np.float32(NEAR)).all()
     assert np.array_equal(restored[36:42, 24:72], lost[36:42, 24:72])
@@ -123,14 +123,14 @@ def test_texture_alone_brings_nothing():
     picture = rng.random((SIZE, SIZE, 3)).astype(np.float32)
     disparity = np.full((SIZE, SIZE), 0.1, np.float32)
     disparity[20:40, 20:40] = disparity[60:80, 60:80] = NEAR
-    assert np.array_equal(restore_lost_lines(picture, disparity, LEAST), disparity)
+    assert np.array_equal(restore_thin_structures(picture, disparity, LEAST), disparity)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (5, 3)])
 def test_the_smallest_pictures(shape):
     rng = np.random.default_rng(1)
     disparity = rng.random(shape, np.float32)
-    restored = restore_lost_lines(rng.random((*shape, 3), np.float32), disparity, LEAST)
+    restored = restore_thin_structures(rng.random((*shape, 3), np.float32), disparity, LEAST)
     assert restored.shape == shape
     assert np.isfinite(restored).all()
 
@@ -144,7 +144,7 @@ def test_lines_that_were_found_make_others_likely_that_light_crosses():
     picture[wires] *= shade[wires][:, None].astype(np.float32)
     lost = (worn != truth) & (x > SIZE // 2 + 8) & (x < SIZE - 12) & (y > 12) & (y < SIZE - 12)
     alone, together = (
-        (restore_lost_lines(picture, worn, LEAST, spread=spread)[lost] == np.float32(NEAR)).mean()
+        (restore_thin_structures(picture, worn, LEAST, spread=spread)[lost] == np.float32(NEAR)).mean()
         for spread in (False, True)
     )
     assert alone < 0.6
@@ -157,7 +157,9 @@ def test_a_wire_of_a_net_may_leave_the_picture():
     border = np.ones_like(truth, bool)
     border[6:-6, 6:-6] = False
     lost = border & (worn != truth)
-    alone, together = (restore_lost_lines(picture, worn, LEAST, spread=spread) for spread in (False, True))
+    alone, together = (
+        restore_thin_structures(picture, worn, LEAST, spread=spread) for spread in (False, True)
+    )
     assert (alone[lost] == truth[lost]).mean() < 0.4
     assert (together[lost] == truth[lost]).mean() > 0.8
     assert (together != truth)[border & (truth != np.float32(NEAR))].mean() < 0.1
@@ -175,7 +177,7 @@ def twig(last=78):
 
 def test_a_twig_whose_beginning_is_there_comes_back_to_its_tip():
     picture, truth, lost = twig()
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     missing = truth != lost
     assert (restored[missing] == np.float32(NEAR)).mean() > 0.85
     assert (restored != lost)[~missing].mean() < 0.01
@@ -185,7 +187,7 @@ def test_a_twig_goes_on_behind_what_is_nearer():
     picture, truth, lost = twig()
     picture[:, 60:70], truth[:, 60:70], lost[:, 60:70] = (0.2, 0.7, 0.2), 0.95, 0.95
     before = np.s_[:, 32:56]
-    restored = restore_lost_lines(picture, lost, LEAST)
+    restored = restore_thin_structures(picture, lost, LEAST)
     missing = (truth != lost)[before]
     assert (restored[before][missing] == np.float32(NEAR)).mean() > 0.85
     assert (restored[:, 60:70] == np.float32(0.95)).all()
@@ -193,7 +195,7 @@ def test_a_twig_goes_on_behind_what_is_nearer():
 
 def test_in_maps_that_were_soft_no_line_ends_openly():
     picture, _, lost = twig()
-    assert np.array_equal(restore_lost_lines(picture, lost, LEAST, spread=False), lost)
+    assert np.array_equal(restore_thin_structures(picture, lost, LEAST, spread=False), lost)
 
 
 def test_a_line_of_another_colour_that_meets_the_tip_of_a_twig_stays_behind():
@@ -201,4 +203,4 @@ def test_a_line_of_another_colour_that_meets_the_tip_of_a_twig_stays_behind():
     y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
     behind = (np.abs(y - 48 - 0.15 * (x - 48)) < 2.5) & (x >= 30)
     picture[behind] = (0.6, 0.25, 0.3)
-    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), truth)
+    assert np.array_equal(restore_thin_structures(picture, lost, LEAST), truth)

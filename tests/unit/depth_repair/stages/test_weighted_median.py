@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages import weighted_median as alike_median
+from bokehnet.depth_repair.stages import weighted_median
 from bokehnet.depth_repair.stages.edge_sharpening import repair_soft_edges
-from bokehnet.depth_repair.stages.weighted_median import settle_soft_steps, soft_steps
+from bokehnet.depth_repair.stages.weighted_median import blurred_edge_mask, snap_blurred_edges
 from bokehnet.optics.encoding import encode
 
 
@@ -27,8 +27,8 @@ def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_move_to_where_the_colours_part(seed):
     image, true, smeared = scene(seed)
-    sharp, soft = repair_soft_edges(smeared), soft_steps(smeared)
-    found = settle_soft_steps(image, sharp, soft, 0.6)
+    sharp, soft = repair_soft_edges(smeared), blurred_edge_mask(smeared)
+    found = snap_blurred_edges(image, sharp, soft, 0.6)
     off = np.abs(sharp - true) > 0.3
     assert (np.abs(found - true) > 0.3).sum() < 0.25 * off.sum()
     assert_array_equal(found[~soft], sharp[~soft])
@@ -38,17 +38,17 @@ def test_steps_move_to_where_the_colours_part(seed):
 
 def test_sharp_steps_are_not_soft():
     true = scene()[1]
-    assert not soft_steps(true).any()
-    assert soft_steps(gaussian_filter(true, 2.0))[:, 50:78].mean() > 0.2
+    assert not blurred_edge_mask(true).any()
+    assert blurred_edge_mask(gaussian_filter(true, 2.0))[:, 50:78].mean() > 0.2
 
 
 def test_a_pass_is_the_weighted_median(monkeypatch):
     """Oracle: disparities sorted one by one; the median lies in the same 24th of their span."""
-    monkeypatch.setattr(alike_median, "_PASSES", ((3, 0.05),))
+    monkeypatch.setattr(weighted_median, "_PASSES", ((3, 0.05),))
     rng = np.random.default_rng(1)
     image = rng.random((14, 15, 3)).astype(np.float32)
     disparity = rng.random((14, 15)).astype(np.float32)
-    found = settle_soft_steps(image, disparity, np.ones((14, 15), bool), 1.0)
+    found = snap_blurred_edges(image, disparity, np.ones((14, 15), bool), 1.0)
     colors = np.asarray(encode(image), float)
     for y in range(14):
         for x in range(15):
@@ -63,7 +63,7 @@ def test_a_pass_is_the_weighted_median(monkeypatch):
 
 def test_slopes_are_no_steps():
     slope = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
-    assert not soft_steps(slope).any()
+    assert not blurred_edge_mask(slope).any()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (3, 17)])
@@ -71,7 +71,7 @@ def test_small_maps(shape):
     rng = np.random.default_rng(0)
     disparity = rng.random(shape).astype(np.float32)
     image = 1e5 * rng.random((*shape, 3)).astype(np.float32)
-    found = settle_soft_steps(image, disparity, np.ones(shape, bool), 1.0)
+    found = snap_blurred_edges(image, disparity, np.ones(shape, bool), 1.0)
     assert np.isfinite(found).all()
     assert found.min() >= disparity.min()
     assert found.max() <= disparity.max()
