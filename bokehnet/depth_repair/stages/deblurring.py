@@ -49,7 +49,7 @@ _ITERATIONS = 2
 
 @njit(cache=True, parallel=True)
 def _convolve(padded, weights, row_step, column_step, result):  # type: ignore[no-untyped-def]
-    """Convolve along one axis; taps are ``down`` rows and ``along`` columns apart; fill ``result`` (H, N)."""
+    """Convolve along one axis into ``result`` (H, N); the steps give the distance of taps."""
     height, width = result.shape
     for y in prange(height):
         for x in range(width):
@@ -89,7 +89,7 @@ def blur_map(values: np.ndarray, sigma: float) -> np.ndarray:
 
 @njit(cache=True, parallel=True)
 def _residuals_at(original, repaired, ys, xs, weights, residuals):  # type: ignore[no-untyped-def]
-    """Fill ``rests`` with the absolute residuals between a map and the other one blurred, at some pixels."""
+    """Fill ``residuals`` with absolute residuals of a map and the other one blurred, at some pixels."""
     height, width = original.shape
     radius = len(weights) // 2
     for i in prange(len(ys)):
@@ -140,11 +140,9 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     best = int(np.argmin(mean_roots))
     if best in (0, len(mean_roots) - 1):
         return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
-    before, threshold, after = mean_roots[best - 1 : best + 2]
-    peak = (
-        0.5 * (before - after) / max(before - 2 * threshold + after, 1e-12)
-    )  # vertex of the parabola through three
-    return BlurEstimate(_SIGMAS_PX[best] * 1.25**peak, threshold)
+    before, minimum, after = mean_roots[best - 1 : best + 2]
+    vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
+    return BlurEstimate(_SIGMAS_PX[best] * 1.25**vertex, minimum)
 
 
 @njit(cache=True)
@@ -219,7 +217,7 @@ def _add_detail(fitted, guide, mask, radius, result):  # type: ignore[no-untyped
 
 @njit(cache=True, parallel=True)
 def _mark_residuals(residual, threshold, radius, mask):  # type: ignore[no-untyped-def]
-    """Mark pixels with a residual above ``least`` anywhere in their window."""
+    """Mark pixels with a residual above ``threshold`` anywhere in their window."""
     height, width = residual.shape
     in_row_window = np.zeros((height, width), np.bool_)
     for y in prange(height):

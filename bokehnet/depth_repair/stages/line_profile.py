@@ -86,9 +86,10 @@ def line_contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # type: ignore[no-untyped-def]
-    """Return the angle near ``angle`` along which the profile changes least from ``kept``, and the change.
+    """Return the angle near ``angle`` with the least change of the profile, and this change.
 
-    If the first row of ``kept`` is NaN, the profile at the start of each candidate replaces it.
+    The change is measured from ``reference``, or, if its first row is NaN, from the profile at the start of
+    each candidate.
     """
     uses_start = math.isnan(reference[0, 0])
     start = np.empty((3, 3))

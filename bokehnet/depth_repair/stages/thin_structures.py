@@ -186,7 +186,7 @@ def _change_inside(picture, y, x, down, right, reference, profile):  # type: ign
 
 @njit(cache=True)
 def _is_isolated(disparity, max_disparity, y, x, down, right):  # type: ignore[no-untyped-def]
-    """Return whether the surfaces on both sides of a line are at most as near as ``farthest``."""
+    """Return whether the surfaces on both sides of a line are no nearer than ``max_disparity``."""
     for side in range(-CONTRAST_RADIUS_PX, CONTRAST_RADIUS_PX + 1, 2 * CONTRAST_RADIUS_PX):
         if _disparity_at(disparity, y + side * right, x - side * down) > max_disparity:
             return False
