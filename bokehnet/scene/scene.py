@@ -13,7 +13,7 @@ from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
-from bokehnet.depth_repair.stages.repeated_pixels import unrepeated
+from bokehnet.depth_repair.stages.repeated_pixels import undo_pixel_repetition
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.frame import Frame, read_frame, without_origin
 from bokehnet.io.maps import resize_map
@@ -327,7 +327,7 @@ def map_at_picture_size(scene: Scene, settings: DepthSettings) -> npt.NDArray[np
         _check_upright(depth.values.shape, (height, width), kind)
     may_resize = settings.resize or depth.fits_any_size or depth.values.shape == (height, width)
     if is_repaired(scene, settings) and may_resize:
-        depth = replace(depth, values=unrepeated(depth.values))
+        depth = replace(depth, values=undo_pixel_repetition(depth.values))
     values = depth.values if is_exact(scene) else _unmixed(depth, settings)
     if values.shape != (height, width) and may_resize:
         smaller = values.shape[0] < height or values.shape[1] < width

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["unrepeated"]
+__all__ = ["undo_pixel_repetition"]
 
 # Minimum number of changes, and minimum fraction of block borders with a change: otherwise the map may be a
 # synthetic scene.
@@ -20,7 +20,7 @@ _MIN_CHANGES = 8
 _MIN_CHANGING_FRACTION = 0.5
 
 
-def unrepeated(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def undo_pixel_repetition(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the small map from which a map was enlarged by pixel repetition; any other map unchanged.
 
     Each pixel of the small map is a block; all blocks have the same size up to rounding.
@@ -33,9 +33,9 @@ def unrepeated(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
     Examples:
         >>> small = np.random.default_rng(0).random((12, 16), np.float32)
-        >>> np.array_equal(unrepeated(small.repeat(3, axis=0).repeat(2, axis=1)), small)
+        >>> np.array_equal(undo_pixel_repetition(small.repeat(3, axis=0).repeat(2, axis=1)), small)
         True
-        >>> unrepeated(small) is small
+        >>> undo_pixel_repetition(small) is small
         True
     """
     rows, columns = (_block_starts(values, axis) for axis in (0, 1))
