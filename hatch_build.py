@@ -1,8 +1,8 @@
-"""Build hook of wheels: compiles the kernels ahead (``tools/kernel_library.py``) and packs the machine code.
+"""Build hook of wheels: compile the kernels (``tools/kernel_library.py``) and pack the machine code.
 
-Where that fails for any reason, a wheel for all platforms is built, without machine code, and numba compiles
-the kernels at their first use. ``BOKEHNET_BUILD_KERNELS=0`` builds such a wheel at once. Editable installs
-get no machine code: kernels are edited there.
+If this fails for any reason, the build makes a wheel for all platforms without machine code, and numba
+compiles the kernels at their first call. ``BOKEHNET_BUILD_KERNELS=0`` builds such a wheel directly. Editable
+installs contain no machine code, because their kernels may change.
 """
 
 import os
@@ -21,14 +21,14 @@ TARGET = "bokehnet/precompiled/machine_code"
 
 
 class KernelHook(BuildHookInterface):
-    """Compile before a wheel is packed, remove the compiled files after it."""
+    """Compile kernels before a wheel is packed, and remove the compiled files afterwards."""
 
     _folder: Any = None
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add machine code, and the tag of the platform and version of Python that it is for.
+        """Add machine code and the tag of its platform and Python version.
 
-        Keys of machine code cover the bytecode, which belongs to one minor version of Python.
+        The keys of machine code cover bytecode, which is specific to one minor version of Python.
         """
         if version == "editable" or os.environ.get(SWITCH, "1") == "0":
             return
@@ -36,7 +36,7 @@ class KernelHook(BuildHookInterface):
         folder = Path(self._folder.name)
         try:
             _compile(Path(self.root), folder)
-        except Exception as error:  # the package works without
+        except Exception as error:  # the package works without machine code
             print(
                 f"bokehnet: warning: no machine code is packed, kernels are compiled at first use: {error}",
                 file=sys.stderr,
@@ -54,19 +54,22 @@ class KernelHook(BuildHookInterface):
 
 
 def _compile(root: Path, folder: Path) -> None:
-    """Run the compiler in a process of its own, which imports the package from here."""
-    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]  # pip's own, with what a build needs
+    """Run the compiler in a separate process that imports the package from this checkout."""
+    paths = [
+        str(root),
+        *filter(None, [os.environ.get("PYTHONPATH")]),
+    ]  # PYTHONPATH of pip, with the build requirements
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", "tools.kernel_library", str(folder)]
-    done = subprocess.run(command, cwd=root, env=environment, check=False, stdout=sys.stderr)
-    if done.returncode:
-        raise OSError(f"tools.kernel_library ended with code {done.returncode}")
+    process = subprocess.run(command, cwd=root, env=environment, check=False, stdout=sys.stderr)
+    if process.returncode:
+        raise OSError(f"tools.kernel_library ended with code {process.returncode}")
 
 
 def _platform() -> str:
-    """Return the tag of the platform.
+    """Return the platform tag.
 
-    Machine code links to no library of the system, so on Linux the oldest glibc that numba supports will do.
+    Machine code links to no system library, so on Linux the oldest glibc that numba supports suffices.
     """
     platforms = list(tags.platform_tags())
     return next((name for name in platforms if name.startswith("manylinux_2_17_")), platforms[0])

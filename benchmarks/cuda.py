@@ -1,10 +1,10 @@
 """Agreement and speed on a CUDA device: ``python -m benchmarks.cuda --out FOLDER``.
 
-Renders the same arrays on the device and on the CPU of the same machine. A row states how far the two
-agree, the median time of each after a warm-up, the share of the copies between host and device, and the
-device memory at its peak. Rows: scatter, gradients of the scatter, rays, and whole renderers. A case that
-fails keeps its traceback in the report, and the others go on. Without a device the same cases run on
-pictures of a few pixels: scatter by torch on the CPU, rays in numba's simulator of a device.
+The benchmark renders the same arrays on the device and on the CPU of the same machine. A row states the
+difference of the results, the median time of each after a warm-up, the time of the copies between host and
+device, and the peak device memory. Rows: scatter, gradients of the scatter, rays, and whole renderers. If a
+case fails, the report contains its traceback, and the other cases continue. Without a device the same cases
+run on pictures of a few pixels: the scatter by torch on the CPU, the rays in the device simulator of numba.
 """
 
 import argparse
@@ -47,21 +47,21 @@ APERTURES = {
     "cat's-eye": Aperture(cats_eye=0.8),
 }
 
-# Largest radius, as a share of the picture's width.
+# Largest blur radius, as a fraction of the width of the picture.
 BLURS = {"small": 0.006, "usual": 0.02, "large": 0.06}
 
-# Differences beyond which a pixel is counted, in scene-linear light.
+# Differences above which a pixel is counted, scene-linear.
 LIMITS = (1e-5, 1e-3, 1e-2)
 
 PACKAGES = ("numpy", "numba", "numba-cuda", "llvmlite", "torch", "onnxruntime")
 
 
 class Report:
-    """Rows of the table, printed and written as they come.
+    """Rows of the table, printed and written one by one.
 
     Args:
-        folder: Of ``cuda.json``; ``None`` writes none.
-        seconds: Time after which cases are left out.
+        folder: Folder for ``cuda.json``; ``None`` to write no file.
+        seconds: Time after which the remaining cases are skipped, seconds.
     """
 
     def __init__(self, folder: Path | None, seconds: float) -> None:
@@ -69,7 +69,7 @@ class Report:
         self.content: dict[str, Any] = {"rows": []}
 
     def add(self, part: str, name: str, megapixels: float, measure: Callable[[], dict[str, Any]]) -> None:
-        """Measure a case, print its row and keep it; a failure is kept with its traceback."""
+        """Measure a case, print its row and store it; a failure is stored with its traceback."""
         row: dict[str, Any] = {"part": part, "case": name, "megapixels": megapixels}
         if time.monotonic() > self._end:
             row["left_out"] = "no time left"
@@ -83,53 +83,53 @@ class Report:
         self.write()
 
     def write(self) -> None:
-        """Write what there is so far."""
+        """Write the rows so far."""
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             (self._folder / "cuda.json").write_text(json.dumps(self.content, indent=1) + "\n", "utf-8")
 
 
 def _line(row: dict[str, Any]) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     start = f"{row['part']:9s} {row['case']:26s} {row['megapixels']:6.2f} MP "
     if "failure" in row:
         return start + f"FAILED {row['failure'].splitlines()[0][:150]}"
     if "left_out" in row:
         return start + row["left_out"]
-    words = [f"{row['psnr_db']:5.0f} dB, max {row['max_difference']:.1e}, {row['differing'][1]} px > 1e-3"]
+    parts = [f"{row['psnr_db']:5.0f} dB, max {row['max_difference']:.1e}, {row['differing'][1]} px > 1e-3"]
     if "device_s" in row:
         copies = f" ({1000 * row['copies_s']:.1f} copies)" if "copies_s" in row else ""
-        words.append(f"{1000 * row['device_s']:.1f} ms{copies}")
+        parts.append(f"{1000 * row['device_s']:.1f} ms{copies}")
     if "cpu_s" in row:
-        words.append(f"CPU {1000 * row['cpu_s']:.0f} ms")
+        parts.append(f"CPU {1000 * row['cpu_s']:.0f} ms")
     if "peak_mb" in row:
-        words.append(f"{row['peak_mb']:.0f} MB")
-    return start + "; ".join(words) + ("" if row.get("repeatable", True) else "; DIFFERS FROM RUN TO RUN")
+        parts.append(f"{row['peak_mb']:.0f} MB")
+    return start + "; ".join(parts) + ("" if row.get("repeatable", True) else "; DIFFERS FROM RUN TO RUN")
 
 
-def agreement(found: np.ndarray, wanted: np.ndarray) -> dict[str, Any]:
-    """Compare a picture of the device with the CPU's.
+def agreement(on_device: np.ndarray, on_cpu: np.ndarray) -> dict[str, Any]:
+    """Compare a picture from the device with that from the CPU.
 
     Returns:
-        PSNR in dB of light 1, largest difference absolute and over max(light, 1), and the pixels whose
-        difference in any channel exceeds each of ``LIMITS``.
+        PSNR in dB for a peak of 1, largest absolute difference, largest difference relative to max(light, 1),
+        and number of pixels whose difference in any channel exceeds each of ``LIMITS``.
     """
-    difference = np.abs(found.astype(float) - wanted)
-    worst = difference.reshape(*difference.shape[:2], -1).max(-1)
+    difference = np.abs(on_device.astype(float) - on_cpu)
+    max_over_channels = difference.reshape(*difference.shape[:2], -1).max(-1)
     return {
         "psnr_db": -10 * math.log10(max(float(np.mean(difference**2)), 1e-30)),
         "max_difference": float(difference.max()),
-        "max_relative": float((difference / np.maximum(np.abs(wanted), 1)).max()),
-        "differing": [int(np.count_nonzero(~(worst <= limit))) for limit in LIMITS],
-        "pixels": int(worst.size),
+        "max_relative": float((difference / np.maximum(np.abs(on_cpu), 1)).max()),
+        "differing": [int(np.count_nonzero(~(max_over_channels <= limit))) for limit in LIMITS],
+        "pixels": int(max_over_channels.size),
     }
 
 
-class CardMemory:
-    """Memory of the whole device beyond that at the start, bytes, sampled while it is open."""
+class DeviceMemory:
+    """Peak memory of the whole device above that at the start, bytes, sampled while the context is open."""
 
-    def __enter__(self) -> "CardMemory":
-        self.peak, self._ends = 0, threading.Event()
+    def __enter__(self) -> "DeviceMemory":
+        self.peak, self._stop = 0, threading.Event()
         if torch.cuda.is_available():
             torch.cuda.synchronize()
             torch.cuda.empty_cache()
@@ -139,11 +139,11 @@ class CardMemory:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ends.set()
+        self._stop.set()
         self._thread.join()
 
     def _watch(self) -> None:
-        while not self._ends.wait(0.002):
+        while not self._stop.wait(0.002):
             self.peak = max(self.peak, self._used() - self._before)
 
     @staticmethod
@@ -155,18 +155,18 @@ class CardMemory:
 
 
 def synchronize() -> None:
-    """Wait for the device, where there is one."""
+    """Wait for the device if there is one."""
     if torch.cuda.is_available():
         torch.cuda.synchronize()
 
 
 class Bench:
-    """The cases on one device.
+    """Cases of the benchmark on one device.
 
     Args:
-        report: Where their rows go.
-        repeats: Timed runs of each.
-        device: Of torch, ``cuda`` or ``cpu``.
+        report: Receiver of the rows.
+        repeats: Number of timed runs per case.
+        device: Torch device, ``cuda`` or ``cpu``.
     """
 
     def __init__(self, report: Report, repeats: int, device: str) -> None:
@@ -174,25 +174,25 @@ class Bench:
         self.simulated = device == "cpu"
 
     def _seconds(self, run: Callable[[], Any], megapixels: float, share: int = 1) -> float:
-        """Median time of a run that was run before; fewer runs of large pictures."""
+        """Return the median time of a warm run in seconds; large pictures have fewer repeats."""
 
-        def whole() -> None:
+        def run_all() -> None:
             run()
             synchronize()
 
         repeats = self.repeats if megapixels < 3 else self.repeats // 2
-        return median_seconds(whole, max(1, repeats // share))
+        return median_seconds(run_all, max(1, repeats // share))
 
     def scatter(self, name: str, width: int, height: int, blur: float, aperture: Aperture) -> None:
-        """Add the scatter of arrays, and of tensors that are on the device already."""
+        """Add the scatter of arrays, and of tensors that are already on the device."""
         megapixels = width * height / 1e6
 
         def measure() -> dict[str, Any]:
             image, radii = scene(width, height, blur)
-            there = partial(scatter_on(self.device), image, radii, aperture)
-            here = partial(scatter, image, radii, aperture)
-            found, again, wanted = there(), there(), here()
-            row = agreement(found, wanted) | {"repeatable": bool((found == again).all())}
+            run_on_device = partial(scatter_on(self.device), image, radii, aperture)
+            run_on_cpu = partial(scatter, image, radii, aperture)
+            on_device, repeated, on_cpu = run_on_device(), run_on_device(), run_on_cpu()
+            row = agreement(on_device, on_cpu) | {"repeatable": bool((on_device == repeated).all())}
             colors, blurs = torch.from_numpy(image).to(self.device), torch.from_numpy(radii).to(self.device)
             values = torch.cat([colors, torch.ones_like(colors[..., :1])], -1)
 
@@ -204,13 +204,13 @@ class Bench:
             if not self.simulated:
                 torch.cuda.empty_cache()
                 torch.cuda.reset_peak_memory_stats()
-                there()
+                run_on_device()
                 row["peak_mb"] = torch.cuda.max_memory_allocated() / 1e6
             return row | {
-                "device_s": self._seconds(there, megapixels),
+                "device_s": self._seconds(run_on_device, megapixels),
                 "resident_s": self._seconds(lambda: scatter_sums(values, blurs, aperture), megapixels),
                 "copies_s": self._seconds(copies, megapixels),
-                "cpu_s": self._seconds(here, megapixels, 2),
+                "cpu_s": self._seconds(run_on_cpu, megapixels, 2),
             }
 
         self.report.add("scatter", name, megapixels, measure)
@@ -218,7 +218,7 @@ class Bench:
     def gradients(
         self, name: str, width: int, height: int, blur: float, aperture: Aperture, dtype: Any
     ) -> None:
-        """Add forward and backward of the differentiable scatter, gradients over their largest value."""
+        """Add forward and backward pass of the scatter; gradients are divided by their maximum."""
         megapixels = width * height / 1e6
 
         def run(device: str) -> Callable[[], list[torch.Tensor]]:
@@ -227,27 +227,31 @@ class Bench:
             generator = torch.Generator().manual_seed(0)
             weights = torch.rand(height, width, 3, generator=generator).to(device, dtype)
 
-            def whole() -> list[torch.Tensor]:
+            def run_all() -> list[torch.Tensor]:
                 bokeh = autograd.scatter(image, radii, aperture)
                 return [bokeh.detach(), *torch.autograd.grad(bokeh, (image, radii), weights)]
 
-            return whole
+            return run_all
 
         def measure() -> dict[str, Any]:
-            there, here = run(self.device), run("cpu")
-            found, again, wanted = there(), there(), here()
-            row = agreement(found[0].cpu().numpy(), wanted[0].numpy())
-            for key, one, other in zip(("image", "defocus"), found[1:], wanted[1:], strict=True):
-                largest = other.abs().max()
-                row[f"{key}_gradient"] = agreement((one.cpu() / largest).numpy(), (other / largest).numpy())
-            row["repeatable"] = all(bool((a == b).all()) for a, b in zip(found, again, strict=True))
+            run_on_device, run_on_cpu = run(self.device), run("cpu")
+            on_device, repeated, on_cpu = run_on_device(), run_on_device(), run_on_cpu()
+            row = agreement(on_device[0].cpu().numpy(), on_cpu[0].numpy())
+            for key, device_gradient, cpu_gradient in zip(
+                ("image", "defocus"), on_device[1:], on_cpu[1:], strict=True
+            ):
+                largest = cpu_gradient.abs().max()
+                row[f"{key}_gradient"] = agreement(
+                    (device_gradient.cpu() / largest).numpy(), (cpu_gradient / largest).numpy()
+                )
+            row["repeatable"] = all(bool((a == b).all()) for a, b in zip(on_device, repeated, strict=True))
             if not self.simulated:
                 torch.cuda.reset_peak_memory_stats()
-                there()
+                run_on_device()
                 row["peak_mb"] = torch.cuda.max_memory_allocated() / 1e6
             return row | {
-                "device_s": self._seconds(there, megapixels),
-                "cpu_s": self._seconds(here, megapixels, 2),
+                "device_s": self._seconds(run_on_device, megapixels),
+                "cpu_s": self._seconds(run_on_cpu, megapixels, 2),
             }
 
         self.report.add("gradients", name, megapixels, measure)
@@ -255,7 +259,7 @@ class Bench:
     def rays(
         self, name: str, width: int, height: int, blur: float, aperture: Aperture, changes: str = ""
     ) -> None:
-        """Add the rays renderer; ``changes`` of the scene: front, behind, lights, layers."""
+        """Add the rays renderer; ``changes`` selects a scene: front, behind, lights, layers."""
         megapixels = width * height / 1e6
 
         def measure() -> dict[str, Any]:
@@ -271,18 +275,18 @@ class Bench:
             if changes == "layers":
                 options["layers"] = _two_layers(image, radii)
             march, cpu_march = TimedMarch(CudaMarch()), TimedMarch(ray_marching._march)
-            on_card = Device(scatter_on(self.device), march)
-            there = partial(render_rays, image, radii, aperture, on_card, **options)
-            here = partial(render_rays, image, radii, aperture, Device(scatter, cpu_march), **options)
-            with CardMemory() as memory:
-                found = there()
-            wanted = here()
-            row = agreement(found.bokeh, wanted.bokeh) | {"peak_mb": memory.peak / 1e6}
-            row["disocclusion"] = agreement(found.disocclusion_weight, wanted.disocclusion_weight)
+            device_methods = Device(scatter_on(self.device), march)
+            run_on_device = partial(render_rays, image, radii, aperture, device_methods, **options)
+            run_on_cpu = partial(render_rays, image, radii, aperture, Device(scatter, cpu_march), **options)
+            with DeviceMemory() as memory:
+                on_device = run_on_device()
+            on_cpu = run_on_cpu()
+            row = agreement(on_device.bokeh, on_cpu.bokeh) | {"peak_mb": memory.peak / 1e6}
+            row["disocclusion"] = agreement(on_device.disocclusion_weight, on_cpu.disocclusion_weight)
             march.reset(copies=True)
-            row["repeatable"] = bool((found.bokeh == there().bokeh).all())
+            row["repeatable"] = bool((on_device.bokeh == run_on_device().bokeh).all())
             row |= {"copies_s": march.copied, "copied_mb": march.bytes / 1e6}
-            for key, timed, run in (("device", march, there), ("cpu", cpu_march, here)):
+            for key, timed, run in (("device", march, run_on_device), ("cpu", cpu_march, run_on_cpu)):
                 timed.reset()
                 row[f"{key}_s"] = self._seconds(run, megapixels, 1 if key == "device" else 2)
                 row[f"{key}_march_s"] = timed.seconds / timed.renders
@@ -307,27 +311,27 @@ class Bench:
             image, radii = scene(width, height, blur)
             device: Any = "cpu" if self.simulated else "cuda"
             start = time.perf_counter()
-            there = partial(
+            run_on_device = partial(
                 BokehRenderer(engine, device=device, aperture=aperture).render, image, radii, **options
             )
-            here = partial(BokehRenderer(engine, aperture=aperture).render, image, radii, **options)
-            found = there()
+            run_on_cpu = partial(BokehRenderer(engine, aperture=aperture).render, image, radii, **options)
+            on_device = run_on_device()
             first = time.perf_counter() - start
-            row = agreement(found.bokeh, here().bokeh) | {"first_s": first}
+            row = agreement(on_device.bokeh, run_on_cpu().bokeh) | {"first_s": first}
             if not self.simulated:
-                with CardMemory() as memory:
-                    there()
+                with DeviceMemory() as memory:
+                    run_on_device()
                 row["peak_mb"] = memory.peak / 1e6
             return row | {
-                "device_s": self._seconds(there, megapixels),
-                "cpu_s": self._seconds(here, megapixels, 2),
+                "device_s": self._seconds(run_on_device, megapixels),
+                "cpu_s": self._seconds(run_on_cpu, megapixels, 2),
             }
 
         self.report.add("renderer", name, megapixels, measure)
 
 
 def _two_layers(image: np.ndarray, radii: np.ndarray) -> Layers:
-    """Half-transparent surfaces in front of focus before others far behind it."""
+    """Return semi-transparent surfaces in front of focus over others far behind focus."""
     behind = np.minimum(radii, -0.5 * np.abs(radii).max()).astype(np.float32)
     coverage = np.where(radii > 0, 0.5, 1).astype(np.float32)
     return Layers(
@@ -338,16 +342,16 @@ def _two_layers(image: np.ndarray, radii: np.ndarray) -> Layers:
 
 
 class TimedMarch:
-    """A march whose calls are timed.
+    """Ray marching function that measures its calls.
 
     Args:
-        march: As ``send`` of :func:`bokehnet.classical.layered.march.ray_marching.march`.
+        march: Function for ``send`` of :func:`bokehnet.classical.layered.march.ray_marching.march`.
 
     Attributes:
         seconds: Time inside all calls.
-        renders: Pictures that were marched.
-        copied: Seconds of the copies between host and device.
-        bytes: What they move.
+        renders: Number of rendered pictures.
+        copied: Time of the copies between host and device, seconds.
+        bytes: Size of the copies.
     """
 
     def __init__(self, march: Callable[..., None]) -> None:
@@ -355,38 +359,38 @@ class TimedMarch:
         self.reset()
 
     def reset(self, copies: bool = False) -> None:
-        """Begin anew; with ``copies`` those to and from the device are made and timed once more."""
+        """Reset all counters; with ``copies``, repeat and time the copies to and from the device."""
         self._copies = copies
         self.renders, self.seconds, self.copied, self.bytes = 0, 0.0, 0.0, 0
 
     def __call__(self, *arguments: Any) -> None:
-        """Send rays."""
+        """Trace rays."""
         colors, cells, mask, bins, points, chances, weights = arguments[:7]
         counts, sums = arguments[-2:]
-        is_new = arguments[-4] == arguments[-3] == 0  # row and rays where the call begins
+        is_new = arguments[-4] == arguments[-3] == 0  # first row and first ray of the call
         self.renders += is_new
         if self._copies:
             means, kept = cuda.device_array(sums.shape, sums.dtype), np.array(sums)
             sent = [counts, *((colors, cells, mask, *bins[:3], points, chances, weights) if is_new else ())]
             start = time.perf_counter()
-            there = [cuda.to_device(array) for array in sent]
+            copies = [cuda.to_device(array) for array in sent]
             means.copy_to_host(kept)
             self.copied += time.perf_counter() - start
             self.bytes += sums.nbytes + sum(array.nbytes for array in sent)
-            del there
+            del copies
         start = time.perf_counter()
         self._march(*arguments)
         self.seconds += time.perf_counter() - start
 
 
 def _width_height(megapixels: float) -> tuple[int, int]:
-    """A picture of 3:2, whole multiples of 8 pixels."""
+    """Return width and height with the ratio 3:2, multiples of 8 pixels."""
     height = 8 * round(math.sqrt(megapixels * 1e6 / 1.5) / 8)
     return 8 * round(1.5 * height / 8), height
 
 
 def _first_calls(device: str) -> dict[str, float]:
-    """Seconds of the first call of scatter and rays on the device, compilation included."""
+    """Return the seconds of the first call of scatter and rays on the device, including compilation."""
     image, radii = scene(32, 24, 5)
     seconds = {}
     runs: dict[str, Callable[[], Any]] = {
@@ -403,13 +407,13 @@ def _first_calls(device: str) -> dict[str, float]:
 
 
 def measure_all(bench: Bench, sizes: list[float]) -> None:
-    """Add all cases, those that matter most first and the largest pictures last."""
+    """Add all cases: the most important ones first, the largest pictures last."""
     middle = min(sizes, key=lambda size: abs(size - 1.5))
     wide = _width_height(middle)
     large = [size for size in sizes if size > 10]
     for size in sorted(set(sizes) - set(large)):
         _one_size(bench, size)
-    if bench.simulated:  # the other cases run no code of a device
+    if bench.simulated:  # the other cases run no device code
         return
     for engine in ("rays", "scatter", "hybrid", "fast", "neural"):
         bench.renderer(engine, *wide, BLURS["usual"] * wide[0], engine)
@@ -443,38 +447,38 @@ def _one_size(bench: Bench, megapixels: float) -> None:
 
 
 def _installed() -> dict[str, str]:
-    """Versions of the packages that matter, of those that are there."""
-    found = {}
+    """Return the versions of the relevant packages."""
+    versions = {}
     for name in PACKAGES:
         try:
-            found[name] = importlib.metadata.version(name)
+            versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "missing"
-    return found
+            versions[name] = "missing"
+    return versions
 
 
 def main() -> None:
-    """Entry of the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="folder of cuda.json")
+    parser.add_argument("--out", type=Path, help="folder for cuda.json")
     parser.add_argument("--sizes", type=float, nargs="+", default=[0.4, 1.5, 6, 24], metavar="MEGAPIXELS")
     parser.add_argument(
-        "--repeats", type=int, default=6, help="timed runs; half of them from 3 megapixels on"
+        "--repeats", type=int, default=6, help="number of timed runs; half as many from 3 megapixels"
     )
-    parser.add_argument("--seconds", type=float, default=math.inf, help="then no case is begun any more")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="time after which no further case starts"
+    )
     arguments = parser.parse_args()
-    here = torch.cuda.is_available()
-    if not here and os.environ.get("NUMBA_ENABLE_CUDASIM") != "1":
-        print(
-            f"There is no CUDA device here (torch {torch.__version__} finds none): simulated, tiny pictures."
-        )
-        words = [sys.executable, "-W", "ignore", "-m", "benchmarks.cuda", *sys.argv[1:]]
-        raise SystemExit(subprocess.run(words, env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}).returncode)
-    device = "cuda" if here else "cpu"
+    has_device = torch.cuda.is_available()
+    if not has_device and os.environ.get("NUMBA_ENABLE_CUDASIM") != "1":
+        print(f"No CUDA device found by torch {torch.__version__}: simulating with tiny pictures.")
+        parts = [sys.executable, "-W", "ignore", "-m", "benchmarks.cuda", *sys.argv[1:]]
+        raise SystemExit(subprocess.run(parts, env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}).returncode)
+    device = "cuda" if has_device else "cpu"
     report = Report(arguments.out, arguments.seconds)
     report.content |= {
-        "card": torch.cuda.get_device_name() if here else "simulated",
-        "driver_memory_mb": torch.cuda.mem_get_info()[1] / 1e6 if here else 0,
+        "card": torch.cuda.get_device_name() if has_device else "simulated",
+        "driver_memory_mb": torch.cuda.mem_get_info()[1] / 1e6 if has_device else 0,
         "cpu_threads": numba.get_num_threads(),
         "packages": _installed(),
     }
@@ -485,8 +489,8 @@ def main() -> None:
     except Exception:
         report.content["first_call_failure"] = traceback.format_exc()
         print(traceback.format_exc(), flush=True)
-    bench = Bench(report, arguments.repeats if here else 1, device)
-    measure_all(bench, arguments.sizes if here else [0.0008])
+    bench = Bench(report, arguments.repeats if has_device else 1, device)
+    measure_all(bench, arguments.sizes if has_device else [0.0008])
     report.write()
     failed = sum("failure" in row for row in report.content["rows"])
     raise SystemExit(f"{failed} cases failed" if failed else 0)

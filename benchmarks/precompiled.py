@@ -1,7 +1,8 @@
-"""Precompiled kernels beside those that numba makes for this processor: ``python -m benchmarks.precompiled``.
+"""Precompiled kernels against kernels that numba compiles for this processor.
 
-Both render the demo's scene in turns, with the same settings, in one program: CPU seconds, the median of the
-ratios of pairs, and how far the pictures are apart. ``--rounds`` says how many pairs.
+Run ``python -m benchmarks.precompiled [--rounds N]``. Both render the demo scene alternately with the same
+settings in one process. The table shows CPU seconds (medians), the median ratio of N pairs, and the
+difference of the pictures in dB.
 """
 
 import argparse
@@ -26,31 +27,31 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=9, help="pairs; default 9")
+    parser.add_argument("--rounds", type=int, default=9, help="number of timed pairs; default 9")
     rounds = parser.parse_args().rounds
     renderer, scene = BokehRenderer(), demo_scene()
-    print("| what | numba, CPU s | precompiled, CPU s | precompiled / numba | apart, dB |")
+    print("| what | numba, CPU s | precompiled, CPU s | precompiled / numba | difference, dB |")
     print("|---|---|---|---|---|")
     for name, look in _LOOKS.items():
         settings = demo_settings("middle").updated(look)
         seconds: dict[bool, list[float]] = {True: [], False: []}
         pictures = {}
-        for turn in range(rounds + 1):
-            for by_numba in (turn % 2 == 0, turn % 2 == 1):
+        for pair_index in range(rounds + 1):
+            for by_numba in (pair_index % 2 == 0, pair_index % 2 == 1):
                 start = time.process_time()
                 with record_calls() if by_numba else contextlib.nullcontext():
                     pictures[by_numba] = renderer.render(scene, settings).bokeh
-                if turn > 0:  # the first one compiles, or loads
+                if pair_index > 0:  # the first pair compiles or loads the kernels
                     seconds[by_numba].append(time.process_time() - start)
         ratio = statistics.median(
             ours / theirs for ours, theirs in zip(seconds[False], seconds[True], strict=True)
         )
         error = float(np.sqrt(np.mean((pictures[True] - pictures[False]) ** 2, dtype=np.float64)))
-        apart = "equal" if error == 0 else f"{-20 * np.log10(error / pictures[True].max()):.0f}"
+        difference = "equal" if error == 0 else f"{-20 * np.log10(error / pictures[True].max()):.0f}"
         medians = [statistics.median(seconds[by_numba]) for by_numba in (True, False)]
-        print(f"| {name} | {medians[0]:.3f} | {medians[1]:.3f} | {ratio:.3f} | {apart} |", flush=True)
+        print(f"| {name} | {medians[0]:.3f} | {medians[1]:.3f} | {ratio:.3f} | {difference} |", flush=True)
 
 
 if __name__ == "__main__":

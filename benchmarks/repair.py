@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.edge_bias import shift_edges
-from bokehnet.depth_repair.map_offset import move_map
+from bokehnet.depth_repair.map_offset import translate_map
 from bokehnet.depth_repair.repair import DisparityRepair, RepairMode
 from train.degradation import DEGRADED, degrade
 from train.evaluation_sets import path_traced_shots, scene_folders
@@ -37,7 +37,7 @@ def grown(values: np.ndarray, pixels: int, blur: float) -> np.ndarray:
 
 def moved(values: np.ndarray, offset: tuple[int, int], blur: float) -> np.ndarray:
     """Return a map (H, W) moved down and right by ``offset`` pixels and blurred (sigma ``blur`` pixels)."""
-    result = move_map(values, offset)
+    result = translate_map(values, offset)
     return gaussian_filter(result, blur) if blur else result
 
 

@@ -1,6 +1,7 @@
-"""How kernels come to run: as machine code of the package, or by numba, with its cache and its threads.
+"""Decorator of kernels: precompiled machine code of the package, or numba with its cache and threads.
 
-Every kernel of the package is made by :func:`njit` of this module, which takes what numba's own takes.
+Every kernel of the package is decorated with :func:`njit` of this module, which has the options of
+``numba.njit``.
 """
 
 import logging
@@ -18,19 +19,19 @@ __all__ = ["njit", "uncached_dispatcher"]
 
 _log = logging.getLogger(__name__)
 
-# numba's first choice, GNU OpenMP, kills processes that were forked after a parallel kernel has run.
+# GNU OpenMP, the default of numba, ends processes that were forked after a parallel kernel has run.
 if numba.config.THREADING_LAYER == "default":  # type: ignore[attr-defined]
     numba.config.THREADING_LAYER = "forksafe"  # type: ignore[attr-defined]
 
 
 def njit(function: Callable | None = None, *, cache: bool = False, **options: Any) -> Any:
-    """Make a kernel of a function: precompiled (:mod:`bokehnet.precompiled`), or compiled at its first call.
+    """Return a kernel: precompiled (:mod:`bokehnet.precompiled`), or compiled at its first call.
 
     Args:
-        function: In the part of Python that ``numba.njit`` takes.
-        cache: Whether the machine code is kept for the next program, where a folder can be written. Where
-            none can, one line says so, by ``logging``: on stderr unless the program wants it elsewhere.
-        options: As numba's.
+        function: Function in the subset of Python that ``numba.njit`` supports.
+        cache: True to store the machine code on disk for other processes. If no folder is writable, one
+            warning is logged; without a logging configuration it appears on stderr.
+        options: Options of ``numba.njit``.
     """
     if function is None:
         return partial(njit, cache=cache, **options)
@@ -38,34 +39,34 @@ def njit(function: Callable | None = None, *, cache: bool = False, **options: An
 
 
 def uncached_dispatcher(kernel: Kernel) -> Any:
-    """Return numba's dispatcher of a kernel for calls by other kernels alone, which keeps no files."""
+    """Return a numba dispatcher without cache files that only other kernels can call."""
     options: dict[str, Any] = kernel.options | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return numba.njit(**options)(kernel.function)
 
 
 def _dispatcher(function: Callable, cache: bool, options: dict[str, Any]) -> Any:
-    """What ``numba.njit`` makes of a function, with our cache."""
-    made = numba.njit(**options)(function)
-    if cache and hasattr(made, "enable_caching"):  # not with NUMBA_DISABLE_JIT
+    """Return the numba dispatcher of a function, with our cache."""
+    dispatcher = numba.njit(**options)(function)
+    if cache and hasattr(dispatcher, "enable_caching"):  # not with NUMBA_DISABLE_JIT
         try:
-            made._cache = _Cache(function)
-        except (RuntimeError, OSError):  # numba's word for: no folder can be written
-            _tell_once("no folder for them can be written")
-    return made
+            dispatcher._cache = _Cache(function)
+        except (RuntimeError, OSError):  # raised by numba if no folder is writable
+            _warn_once("no folder for them can be written")
+    return dispatcher
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's files of machine code; without them, or with damaged ones, kernels are compiled anew."""
+    """Cache files of numba; missing or damaged files cause a new compilation."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel for these types, or None."""
+        """Return the cached kernel for these types, or None."""
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # damaged files make pickle and LLVM raise what they like
+        except Exception:  # damaged files make pickle and LLVM raise any exception
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the kernel for these types, if it can be."""
+        """Store the kernel for these types if possible."""
         try:
             try:
                 super().save_overload(sig, data)
@@ -76,18 +77,18 @@ class _Cache(FunctionCache):  # type: ignore[misc]
                 super().save_overload(sig, data)
         except OSError as error:  # a full disk, a folder that is gone
             self.disable()
-            _tell_once(error.strerror or str(error))
+            _warn_once(error.strerror or str(error))
 
 
-_told = False
+_has_warned = False
 
 
-def _tell_once(reason: str) -> None:
-    global _told
-    if not _told and multiprocessing.parent_process() is None:  # which has said it
+def _warn_once(reason: str) -> None:
+    global _has_warned
+    if not _has_warned and multiprocessing.parent_process() is None:  # the parent process logs the warning
         _log.warning(
             "bokehnet: compiled kernels cannot be kept (%s), so each program compiles them anew, which may "
             "take minutes; set NUMBA_CACHE_DIR to a folder that can be written",
             reason,
         )
-    _told = True
+    _has_warned = True

@@ -1,1 +1,1 @@
-"""Tools of the developers and of the build: not installed."""
+"""Tools for developers and for the build; not installed."""

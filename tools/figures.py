@@ -2,7 +2,7 @@
 
 A page holds a table between ``<!-- figures: NAME -->`` or ``<!-- figures: NAME | key, key -->`` and
 ``<!-- end figures -->``. NAME is a file of ``docs/figures``; keys select columns. ``--check`` writes nothing
-and fails where a table differs from its figures.
+and fails if a table differs from its figures.
 """
 
 import argparse
@@ -26,8 +26,8 @@ def table(name: str, keys: list[str] | None = None) -> str:
     """Return the Markdown table of one figures file, with the command that printed it.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        KeyError: A selected column is not in it.
+        FileNotFoundError: The file is missing.
+        KeyError: The file has no such column.
     """
     figures = json.loads((FIGURES / f"{name}.json").read_text(encoding="utf-8"))
     columns = {key: figures["columns"][key] for key in keys or figures["columns"]}
@@ -40,7 +40,7 @@ def table(name: str, keys: list[str] | None = None) -> str:
 
 
 def filled(text: str) -> str:
-    """Return a page with each marked table written from its figures."""
+    """Return the text of a page with each marked table rewritten from its figures."""
 
     def write(match: re.Match[str]) -> str:
         keys = [key.strip() for key in match[3].split(",")] if match[3] else None
@@ -50,13 +50,11 @@ def filled(text: str) -> str:
 
 
 def main() -> int:
-    """Write the tables, or check them."""
+    """Write or check the tables of all pages; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--check", action="store_true", help="compare only; exit code 1 where a table differs"
-    )
+    parser.add_argument("--check", action="store_true", help="compare only; exit code 1 if a table differs")
     arguments = parser.parse_args()
     stale = []
     for page in PAGES:

@@ -1,10 +1,10 @@
-"""Compile the kernels of the package ahead: ``python -m tools.kernel_library [FOLDER]``.
+"""Compile the kernels of the package ahead of time: ``python -m tools.kernel_library [FOLDER]``.
 
-The build of a wheel runs it (``hatch_build.py``). It needs numba and NumPy, no C compiler, no linker and no
-other dependency of the package. Without FOLDER the library goes into this checkout, where git ignores it and
-where each kernel serves until its code is changed. ``kernel_signatures.txt`` says which kernels are compiled
-for which types of arguments; ``python -m tools.kernel_signatures`` rewrites it. What cannot be compiled is
-left to numba at run time, with a line on stderr.
+The build of a wheel runs this command (``hatch_build.py``). It needs numba and NumPy, but no C compiler, no
+linker and no other dependency of the package. The default FOLDER is inside this checkout, where git ignores
+it and where each kernel is used until its code changes. ``kernel_signatures.txt`` lists the kernels and their
+argument types; ``python -m tools.kernel_signatures`` rewrites it. Kernels that cannot be precompiled are
+compiled by numba at run time; each is reported on stderr.
 """
 
 import argparse
@@ -33,21 +33,21 @@ SIGNATURES = Path(__file__).parent / "kernel_signatures.txt"
 _WORD = re.compile(r"\w*\(|\w+(?:\[\d[CFA]r?\])?|\)")
 _ARRAY = re.compile(r"(\w+)\[(\d)([CFA])(r?)\]")
 
-# Object file, its symbol, the names that it needs, what it returns, the key of the kernel's code.
+# Object file, its symbol, imported symbols, description of the result, key of the code.
 Compiled = tuple[bytes, str, list[str], str, str]
 
 
-class LeftToNumba(Exception):  # noqa: N818  # no error: the kernel is compiled at its first call
-    """A kernel that cannot be compiled ahead."""
+class LeftToNumba(Exception):  # noqa: N818  # no error: numba compiles the kernel at its first call
+    """Kernel that cannot be precompiled."""
 
 
 def short_name(name: str) -> str:
-    """Return the last two components of a kernel's full name, which stay when its package is moved."""
+    """Return module and function of a full kernel name; they do not change if the package moves."""
     return ".".join(name.split(".")[-2:])
 
 
 def read_signatures(path: Path = SIGNATURES) -> list[tuple[str, str]]:
-    """Return short names of kernels with descriptions of their arguments."""
+    """Return pairs of the short name of a kernel and the description of its arguments."""
     lines = path.read_text("utf-8").splitlines()
     pairs = [line.split(" ", 1) for line in lines if line and not line.startswith("#")]
     return [(name, description) for name, description in pairs]
@@ -57,12 +57,12 @@ def build(folder: Path, signatures: list[tuple[str, str]], processes: int | None
     """Compile kernels and write library and manifest.
 
     Args:
-        folder: Where they go; made where there is none.
-        signatures: See :func:`read_signatures`.
-        processes: Default: one for each core.
+        folder: Output folder; created if it is missing.
+        signatures: Kernels and their arguments, see :func:`read_signatures`.
+        processes: Number of processes; default: one per core.
 
     Returns:
-        A line for each kernel that is left to numba.
+        One line for each kernel that is left to numba.
     """
     from bokehnet.precompiled.library import FORMAT, versions
     from bokehnet.precompiled.machine import CLASS_FEATURES, processor_class, system
@@ -72,24 +72,26 @@ def build(folder: Path, signatures: list[tuple[str, str]], processes: int | None
     target = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": features}
     modules = kernel_modules()
     jobs: dict[str, list[tuple[str, str]]] = {}
-    left = []
+    left_to_numba = []
     for name, description in signatures:
         module = modules.get(name.partition(".")[0])
         if module is None:
-            left.append(f"{name}: expected its module, found none")
+            left_to_numba.append(f"{name}: expected its module, found none")
         else:
             jobs.setdefault(module, []).append((name, description))
     results: list[tuple[str, str, Compiled]] = []
     with _environment(target), _pool(processes) as pool:
-        # the longest first, so that no process is left alone with it
+        # longest jobs first, to balance the processes
         order = sorted(jobs.items(), key=lambda job: sum(len(words) for _, words in job[1]), reverse=True)
-        for done in as_completed([pool.submit(_compile_module, *job) for job in order]):
-            compiled, missing = done.result()
+        for future in as_completed([pool.submit(_compile_module, *job) for job in order]):
+            compiled, missing = future.result()
             results += compiled
-            left += missing
+            left_to_numba += missing
             print(f"bokehnet: compiled {len(results)} of {len(signatures)} kernels", file=sys.stderr)
     library, kernels = bytearray(), dict[str, Any]()
-    for name, description, (code, symbol, needs, returned, key) in sorted(results, key=lambda one: one[:2]):
+    for name, description, (code, symbol, needs, returned, key) in sorted(
+        results, key=lambda result: result[:2]
+    ):
         entry = {"start": len(library), "size": len(code), "symbol": symbol, "needs": needs}
         entries = kernels.setdefault(name, {"key": key, "entries": {}})["entries"]
         entries[description] = entry | {"returned": returned}
@@ -105,22 +107,22 @@ def build(folder: Path, signatures: list[tuple[str, str]], processes: int | None
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "kernels.bin").write_bytes(library)
     (folder / "kernels.json").write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", "utf-8")
-    return left
+    return left_to_numba
 
 
 def kernel_modules() -> dict[str, str]:
-    """Return the full names of the modules that define kernels by their last components."""
-    found = {}
+    """Return the full names of all modules that define kernels, by their last components."""
+    modules = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         if "bokehnet.kernels import" in path.read_text("utf-8"):
             module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
-            found[path.stem] = module
-    return found
+            modules[path.stem] = module
+    return modules
 
 
 @contextlib.contextmanager
 def _environment(changes: dict[str, str]) -> Iterator[None]:
-    """Set variables that processes started inside the block read."""
+    """Set environment variables for processes that start inside the block."""
     before = {name: os.environ.get(name) for name in changes}
     os.environ.update(changes)
     try:
@@ -134,7 +136,7 @@ def _environment(changes: dict[str, str]) -> Iterator[None]:
 
 
 def _pool(processes: int | None) -> ProcessPoolExecutor:
-    """Return processes that start anew: numba reads its target when it is imported."""
+    """Return a pool of new processes, because numba reads its target at import."""
     count = processes or os.cpu_count() or 1
     return ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
 
@@ -142,19 +144,19 @@ def _pool(processes: int | None) -> ProcessPoolExecutor:
 def _compile_module(
     module: str, signatures: list[tuple[str, str]]
 ) -> tuple[list[tuple[str, str, Compiled]], list[str]]:
-    """Compile kernels of one module; return them with full names, and lines for those left to numba."""
+    """Compile the kernels of one module; return them, and one line for each that is left to numba."""
     import gc
 
-    gc.disable()  # the compiler's many small objects live long: a tenth of the time
-    compiled, left = [], []
+    gc.disable()  # many small objects of the compiler live long; this saves a tenth of the time
+    compiled, left_to_numba = [], []
     for name, description in signatures:
         try:
             full = _import_kernel(module, name)
             compiled.append((full, description, _compile(full, description)))
-        except Exception as error:  # whatever numba raises
+        except Exception as error:  # numba raises many types
             reason = (str(error).strip().splitlines() or [""])[0]
-            left.append(f"{name} {description}: {type(error).__name__}: {reason}")
-    return compiled, left
+            left_to_numba.append(f"{name} {description}: {type(error).__name__}: {reason}")
+    return compiled, left_to_numba
 
 
 def _import_kernel(module: str, name: str) -> str:
@@ -172,24 +174,24 @@ def _compile(name: str, description: str) -> Compiled:
     from bokehnet.precompiled.code_key import code_key
     from bokehnet.precompiled.kernel import KERNELS
 
-    _without_files()
+    _disable_wrappers_and_cache()
     kernel = KERNELS[name]
     signature = argument_types(description)
     kernel.dispatcher.compile(signature)
     result = kernel.dispatcher.overloads[signature]
-    returned = _returned(result.signature.return_type)
+    returned = _result_description(result.signature.return_type)
     _check_convention(description, result)
     library = result.library
     if library.has_dynamic_globals:
-        raise LeftToNumba("it holds addresses of this process")
+        raise LeftToNumba("its code contains addresses of this process")
     symbol = result.fndesc.llvm_func_name
     code = library.serialize_using_object_code()[2][0]
-    return _without_folders(code), symbol, _needed_names(library), returned, code_key(kernel)
+    return _without_absolute_paths(code), symbol, _needed_names(library), returned, code_key(kernel)
 
 
 @functools.cache
-def _without_files() -> None:
-    """Let numba compile kernels without wrappers for Python and without files of its own."""
+def _disable_wrappers_and_cache() -> None:
+    """Make numba compile kernels without Python wrappers and without cache files."""
     from bokehnet.kernels import uncached_dispatcher
     from bokehnet.precompiled.kernel import KERNELS, Kernel
 
@@ -200,7 +202,7 @@ def _without_files() -> None:
 
 
 def argument_types(description: str) -> tuple[Any, ...]:
-    """Return numba's types for a description of :func:`bokehnet.precompiled.arguments.describe`."""
+    """Return the numba types for a description of :func:`bokehnet.precompiled.arguments.describe`."""
     words = _WORD.findall(description)
     words.reverse()
     if words.pop() != "(":
@@ -217,19 +219,19 @@ def _elements(words: list[str]) -> tuple[Any, ...]:
 
 
 def _tuple_type(name: str, elements: tuple[Any, ...]) -> Any:
-    """Return the type of a tuple, or of a named tuple of the package."""
+    """Return the numba type of a tuple, or of a named tuple of the package."""
     from numba import types
 
-    alike = len(set(elements)) == 1
+    is_uniform = len(set(elements)) == 1
     if not name:
-        return types.UniTuple(elements[0], len(elements)) if alike else types.Tuple(elements)
-    if alike:
+        return types.UniTuple(elements[0], len(elements)) if is_uniform else types.Tuple(elements)
+    if is_uniform:
         return types.NamedUniTuple(elements[0], len(elements), _tuple_class(name))
     return types.NamedTuple(elements, _tuple_class(name))
 
 
 def _plain_type(word: str) -> Any:
-    """Return the type of a number, an array or ``None``."""
+    """Return the numba type of a number, an array or ``None``."""
     import numpy as np
     from numba import types
     from numba.np.numpy_support import from_dtype
@@ -244,19 +246,19 @@ def _plain_type(word: str) -> Any:
 
 
 def _tuple_class(name: str) -> type:
-    """Return the named tuple of the package; its module was imported with the kernel's."""
-    found = [
+    """Return the named tuple class of the package; the module of the kernel imports it."""
+    matches = [
         kind
         for kind in tuple.__subclasses__()
         if kind.__name__ == name and kind.__module__.startswith(f"{PACKAGE.name}.")
     ]
-    if len(found) != 1:
-        raise LeftToNumba(f"expected one named tuple {name}, found {len(found)}")
-    return found[0]
+    if len(matches) != 1:
+        raise LeftToNumba(f"expected one named tuple {name}, found {len(matches)}")
+    return matches[0]
 
 
-def _returned(kind: Any) -> str:
-    """Return what a kernel returns in the words of :mod:`bokehnet.precompiled.results`."""
+def _result_description(kind: Any) -> str:
+    """Return the description of a result for :mod:`bokehnet.precompiled.results`."""
     from numba import types
     from numba.np.numpy_support import as_dtype
 
@@ -272,7 +274,7 @@ def _returned(kind: Any) -> str:
 
 
 def _check_convention(description: str, result: Any) -> None:
-    """Compare numba's order of arguments with that of :mod:`bokehnet.precompiled.arguments`."""
+    """Raise LeftToNumba unless the calling convention matches :mod:`bokehnet.precompiled.arguments`."""
     import ctypes
 
     from numba.core.registry import cpu_target
@@ -283,20 +285,20 @@ def _check_convention(description: str, result: Any) -> None:
     context = cpu_target.target_context
     function = context.call_conv.get_function_type(result.signature.return_type, result.signature.args)
     expected = ["ptr" if str(kind).endswith("*") else str(kind) for kind in function.args[2:]]
-    ours = [names.get(kind, f"i{8 * ctypes.sizeof(kind)}") for kind in c_types(description)]
-    if expected != ours:
-        raise LeftToNumba(f"expected arguments {ours}, found {expected}")
+    described = [names.get(kind, f"i{8 * ctypes.sizeof(kind)}") for kind in c_types(description)]
+    if expected != described:
+        raise LeftToNumba(f"expected arguments {described}, found {expected}")
 
 
 def _needed_names(library: Any) -> list[str]:
-    """Return the functions and variables that an object file expects from numba and Python."""
+    """Return the symbols that an object file imports from numba and Python."""
     module = library._final_module
     items = [*module.functions, *module.global_variables]
     return sorted(item.name for item in items if item.is_declaration and not item.name.startswith("llvm."))
 
 
-def _without_folders(code: bytes) -> bytes:
-    """Return machine code whose errors name their files without the folders of this machine, equally long."""
+def _without_absolute_paths(code: bytes) -> bytes:
+    """Return machine code of the same length without absolute paths in its error messages."""
     import numba
 
     for folder in (PACKAGE.parent, Path(numba.__file__).parents[1]):
@@ -306,19 +308,19 @@ def _without_folders(code: bytes) -> bytes:
 
 
 def main() -> None:
-    """Build the library, and say what is left to numba."""
+    """Build the library and report the kernels that are left to numba."""
     from bokehnet.precompiled.library import FOLDER
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", nargs="?", type=Path, default=FOLDER, help="default: in this checkout")
-    parser.add_argument("--processes", type=int, help="default: one for each core")
-    given = parser.parse_args()
+    parser.add_argument("--processes", type=int, help="default: one per core")
+    options = parser.parse_args()
     started = time.perf_counter()
-    for line in build(given.folder, read_signatures(), given.processes):
+    for line in build(options.folder, read_signatures(), options.processes):
         print(f"bokehnet: warning: left to numba: {line}", file=sys.stderr)
-    size = (given.folder / "kernels.bin").stat().st_size
+    size = (options.folder / "kernels.bin").stat().st_size
     print(f"bokehnet: {size / 1e6:.1f} MB in {time.perf_counter() - started:.0f} s", file=sys.stderr)
 
 

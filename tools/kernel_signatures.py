@@ -1,8 +1,8 @@
-"""Rewrite the list of kernels that are compiled ahead: ``python -m tools.kernel_signatures``.
+"""Rewrite the list of precompiled kernels: ``python -m tools.kernel_signatures``.
 
-It runs the command lines of the golden set (:mod:`benchmarks.golden`) and the demo, and notes for which types
-of arguments they call which kernels. Needed when a new kernel or a new type of argument shall be compiled
-ahead; until then numba compiles it at its first call.
+The command runs the command lines of the golden set (:mod:`benchmarks.golden`) and the demo, and records the
+argument types of all kernel calls. It is needed to precompile a new kernel or a new argument type; until then
+numba compiles at the first call.
 """
 
 import os
@@ -15,7 +15,7 @@ _HEAD = "# Kernels that are compiled ahead, and types of their arguments; python
 
 
 def main() -> None:
-    """Run everything, and write down what was called."""
+    """Run all commands and write the recorded signatures."""
     from bokehnet.precompiled.kernel import KERNELS, record_calls
 
     with tempfile.TemporaryDirectory() as folder, record_calls():
@@ -33,15 +33,15 @@ def _run_everything(folder: Path) -> None:
     from benchmarks import golden
     from bokehnet.cli.app import run
 
-    here = Path.cwd()
+    start_folder = Path.cwd()
     inputs = folder / "inputs"
     inputs.mkdir()
     golden.make_inputs(inputs)
     for name, words in golden.RENDERS.items():
-        if "--jobs" not in words:  # other programs' calls are not seen here
+        if "--jobs" not in words:  # calls in other processes are not recorded
             golden.in_folder(folder / name, inputs, lambda words=words: run(["render", *words]))
     golden.in_folder(folder / "demo", inputs, lambda: run(["demo", "-o", "out.png"]))
-    os.chdir(here)
+    os.chdir(start_folder)
 
 
 if __name__ == "__main__":

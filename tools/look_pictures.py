@@ -1,7 +1,8 @@
-"""Make the pictures of ``docs/use/looks.md``: ``python -m tools.look_pictures PHOTO DISPARITY BLUR FOCUS``.
+"""Render the pictures of ``docs/use/looks.md``: ``python -m tools.look_pictures PHOTO DISPARITY BLUR FOCUS``.
 
-Every preset on a photograph (PHOTO with its DISPARITY, rendered with BLUR and FOCUS) and on the street of
-``examples/night_scene.py``, and on that street each effect alone; all as ``bokehnet render`` writes them.
+The sheets show every preset on a photograph (PHOTO with its DISPARITY, rendered with BLUR and FOCUS) and on
+the street of ``examples/night_scene.py``, and each effect alone on that street, as rendered by ``bokehnet
+render``.
 """
 
 import argparse
@@ -21,7 +22,7 @@ QUALITY = 85
 NIGHT_BLUR = 60
 COLUMNS = 3
 
-# Stronger than a good lens, so that each can be told from the next.
+# Stronger than in a good lens, so that the effects are clearly visible.
 EFFECTS = {
     "none": (),
     "--cats-eye 1.2": ("--cats-eye", "1.2"),
@@ -42,7 +43,7 @@ EFFECTS = {
 
 
 def render(picture: Path, disparity: Path, blur: float, focus: float, *options: str) -> np.ndarray:
-    """Return what ``bokehnet render`` makes of a picture, scene-linear, (H, W, 3)."""
+    """Return a picture rendered by ``bokehnet render``, scene-linear, (H, W, 3)."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "out.png"
         words = ["render", str(picture), "--disparity", str(disparity), "-o", str(output), *options]
@@ -52,29 +53,29 @@ def render(picture: Path, disparity: Path, blur: float, focus: float, *options: 
 
 
 def halved(picture: np.ndarray) -> np.ndarray:
-    """The picture at half the size, means of 2x2 pixels."""
+    """Return the picture at half the size: means of 2x2 pixels."""
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
     even = picture[:height, :width].reshape(height // 2, 2, width // 2, 2, 3)
     return np.asarray(even.mean(axis=(1, 3)))
 
 
-def write(name: str, shown: dict[str, np.ndarray]) -> None:
-    """Write a sheet beside this file."""
-    pairs = list(shown.items())
+def write(name: str, pictures: dict[str, np.ndarray]) -> None:
+    """Write a contact sheet to the folder of images."""
+    pairs = list(pictures.items())
     rows = [pairs[i : i + COLUMNS] for i in range(0, len(pairs), COLUMNS)]
     bokehnet.write_image(IMAGES / name, contact_sheet(rows), quality=QUALITY)
 
 
 def main() -> None:
-    """Entry of the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("photo", type=Path)
     parser.add_argument("disparity", type=Path)
     parser.add_argument("blur", type=float)
     parser.add_argument("focus", type=float)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     looks = {"no preset": ()} | {name: ("--preset", name) for name in preset_names()}
-    photo = (given.photo, given.disparity, given.blur, given.focus)
+    photo = (arguments.photo, arguments.disparity, arguments.blur, arguments.focus)
     write("looks_photo.jpg", {name: halved(render(*photo, *words)) for name, words in looks.items()})
     with tempfile.TemporaryDirectory() as folder:
         street, disparity = Path(folder) / "night.exr", Path(folder) / "disparity.exr"

@@ -1,10 +1,10 @@
-"""Make the pictures of ``docs/method/overview.md`` and ``docs/use/shapes.md``.
+"""Render the pictures of ``docs/method/overview.md`` and ``docs/use/shapes.md``.
 
 Run ``python -m tools.pictures TRUTH``.
 
-All show the scene of ``bokehnet demo``, most of them as ``bokehnet render`` writes it. TRUTH holds what a
-lens sees of it, ray traced by ``python examples/demo_scene.py --out FOLDER --truth TRUTH`` (FOLDER: not
-the package's own assets).
+All pictures show the scene of ``bokehnet demo``, most of them rendered by ``bokehnet render``. TRUTH is the
+folder of the ray-traced references of ``python examples/demo_scene.py --out FOLDER --truth TRUTH`` (FOLDER
+must not be the assets of the package).
 """
 
 import argparse
@@ -30,11 +30,11 @@ LEAVES = (250, 95, 180, 120)
 LAMPS = (0, 10, 240, 160)
 BRANCH = (240, 0, 480, 260)
 
-Place = tuple[int, int, int, int]
+Crop = tuple[int, int, int, int]
 
 
 def render(disparity: Path, focus: str, *options: str, maps: Path | None = None) -> np.ndarray:
-    """Return what ``bokehnet render`` makes of the demo, scene-linear, (H, W, 3)."""
+    """Return the demo rendered by ``bokehnet render``, scene-linear, (H, W, 3)."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "out.png"
         words = ["render", str(PICTURE), "--disparity", str(disparity), "-o", str(output)]
@@ -46,72 +46,78 @@ def render(disparity: Path, focus: str, *options: str, maps: Path | None = None)
         return bokehnet.read_image(output)
 
 
-def enlarged(picture: np.ndarray, place: Place, factor: int = 2) -> np.ndarray:
-    """A part of a picture with every pixel as a square."""
-    left, top, width, height = place
+def enlarged(picture: np.ndarray, crop: Crop, factor: int = 2) -> np.ndarray:
+    """Return a crop of a picture, enlarged by pixel repetition."""
+    left, top, width, height = crop
     part = picture[top : top + height, left : left + width]
     return part.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def grey(values: np.ndarray) -> np.ndarray:
-    """A map (H, W) in [0, 1] as a picture whose sRGB values are the map's."""
+    """Return a map (H, W) in [0, 1] as a scene-linear picture whose sRGB values equal the map."""
     return srgb_to_linear(values)[..., None].repeat(3, axis=-1)
 
 
 def write(name: str, rows: list[list[tuple[str, np.ndarray]]]) -> None:
-    """Write a sheet beside this file."""
+    """Write a contact sheet to the folder of images."""
     bokehnet.write_image(IMAGES / name, contact_sheet(rows), quality=QUALITY)
 
 
 def show_maps(image: np.ndarray, disparity: np.ndarray) -> None:
-    """What goes in and what is made of it on the way."""
+    """Write the inputs and the intermediate maps of a render."""
     with tempfile.TemporaryDirectory() as folder:
         render(DISPARITY, "middle", maps=Path(folder))
         defocus, error_map = (
             bokehnet.read_image(Path(folder) / f"{name}.png") for name in ("defocus", "error_map")
         )
-    half = [x[::2, ::2] for x in (image, grey(disparity), defocus, error_map)]
+    maps_at_half_size = [x[::2, ::2] for x in (image, grey(disparity), defocus, error_map)]
     names = ("picture", "disparity", "defocus, grey is sharp", "error map")
-    shown = list(zip(names, half, strict=True))
-    write("method_maps.jpg", [shown[:2], shown[2:]])
+    pictures = list(zip(names, maps_at_half_size, strict=True))
+    write("method_maps.jpg", [pictures[:2], pictures[2:]])
 
 
 def show_engines(image: np.ndarray, truth: Path) -> None:
-    """The same leaves before the cat: by each engine, and as a lens sees them."""
-    shown = [(name, render(DISPARITY, "middle", "--engine", name)) for name in ("scatter", "rays", "hybrid")]
-    shown = [("picture", image), ("ray traced", bokehnet.read_image(truth / "truth_middle.png")), *shown]
-    shown = [(name, enlarged(picture, LEAVES)) for name, picture in shown]
-    write("method_engines.jpg", [shown[:2], shown[2:]])
+    """Write the leaves in front of the cat, by each engine and ray traced."""
+    pictures = [
+        (name, render(DISPARITY, "middle", "--engine", name)) for name in ("scatter", "rays", "hybrid")
+    ]
+    pictures = [
+        ("picture", image),
+        ("ray traced", bokehnet.read_image(truth / "truth_middle.png")),
+        *pictures,
+    ]
+    pictures = [(name, enlarged(picture, LEAVES)) for name, picture in pictures]
+    write("method_engines.jpg", [pictures[:2], pictures[2:]])
 
 
 def show_outlines(truth: Path) -> None:
-    """Leaves far before focus: by the engines on the scatter, by rays, and as a lens sees them."""
+    """Write leaves far in front of focus, by the scatter engines, by rays and ray traced."""
     names = ("scatter", "fast", "neural", "rays")
-    shown = [(name, render(DISPARITY, "far", "--engine", name)) for name in names]
-    shown = [*shown, ("ray traced", bokehnet.read_image(truth / "truth_far.png"))]
-    shown = [(name, enlarged(picture, BRANCH, factor=1)) for name, picture in shown]
-    write("method_outlines.jpg", [shown[:3], shown[3:]])
+    pictures = [(name, render(DISPARITY, "far", "--engine", name)) for name in names]
+    pictures = [*pictures, ("ray traced", bokehnet.read_image(truth / "truth_far.png"))]
+    pictures = [(name, enlarged(picture, BRANCH, factor=1)) for name, picture in pictures]
+    write("method_outlines.jpg", [pictures[:3], pictures[3:]])
 
 
 def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
-    """The picture, and what is taken to stand behind it."""
+    """Write the picture and its occluded background."""
     defocus = bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS["middle"])
-    hidden, _ = bokehnet.occluded_background(image, defocus)
-    shown = [("picture", image), ("occluded background", hidden)]
-    write("method_hidden.jpg", [[(name, enlarged(picture, BRANCH, factor=1)) for name, picture in shown]])
+    background, _ = bokehnet.occluded_background(image, defocus)
+    pictures = [("picture", image), ("occluded background", background)]
+    write("method_hidden.jpg", [[(name, enlarged(picture, BRANCH, factor=1)) for name, picture in pictures]])
 
 
 def show_repair() -> None:
-    """A map whose near things have shrunk, as it is and repaired."""
+    """Write renders with an accurate map, an eroded map, and the repaired eroded map."""
     with tempfile.TemporaryDirectory() as folder:
-        wrong = Path(folder) / "wrong.exr"
-        bokehnet.write_image(wrong, _eroded())
-        shown = [
+        eroded_path = Path(folder) / "wrong.exr"
+        bokehnet.write_image(eroded_path, _eroded())
+        pictures = [
             ("right map", render(DISPARITY, "middle")),
-            ("near things shrunk by 2 px", render(wrong, "middle", "--repair-disparity", "off")),
-            ("repaired", render(wrong, "middle", "--repair-disparity", "on")),
+            ("near things shrunk by 2 px", render(eroded_path, "middle", "--repair-disparity", "off")),
+            ("repaired", render(eroded_path, "middle", "--repair-disparity", "on")),
         ]
-    write("method_repair.jpg", [[(name, enlarged(picture, LEAVES)) for name, picture in shown]])
+    write("method_repair.jpg", [[(name, enlarged(picture, LEAVES)) for name, picture in pictures]])
 
 
 def _eroded() -> np.ndarray:
@@ -119,25 +125,25 @@ def _eroded() -> np.ndarray:
 
 
 def show_shapes() -> None:
-    """Lamps through other openings."""
-    lit = ("--highlights", "0.5")
+    """Write lamps with several aperture shapes."""
+    highlights = ("--highlights", "0.5")
     options = {
         "disc": (),
-        "disc, --highlights 0.5": lit,
-        "--blades 6": (*lit, "--blades", "6"),
-        "--squeeze 0.5": (*lit, "--squeeze", "0.5"),
-        "--cats-eye 1": (*lit, "--cats-eye", "1"),
-        "--rim 1": (*lit, "--rim", "1"),
+        "disc, --highlights 0.5": highlights,
+        "--blades 6": (*highlights, "--blades", "6"),
+        "--squeeze 0.5": (*highlights, "--squeeze", "0.5"),
+        "--cats-eye 1": (*highlights, "--cats-eye", "1"),
+        "--rim 1": (*highlights, "--rim", "1"),
     }
-    shown = [
+    pictures = [
         (name, enlarged(render(DISPARITY, "near", *words), LAMPS, factor=1))
         for name, words in options.items()
     ]
-    write("shapes.jpg", [shown[:3], shown[3:]])
+    write("shapes.jpg", [pictures[:3], pictures[3:]])
 
 
 def main() -> None:
-    """Entry of the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("truth", type=Path, metavar="TRUTH")
     truth = parser.parse_args().truth

@@ -1,14 +1,14 @@
-"""Pin the named depth networks: which commit and which bytes each name stands for.
+"""Pin the commit and the hash of each named depth network.
 
-Run by a maintainer before a release, with a connection to the hub:
+Maintainers run it before a release, with a connection to the hub:
 
     python -m tools.pin_models [NAME ...] [--check]
 
-For each name of ``bokehnet/inference/depth_models.toml`` (or those given) it asks the hub for the newest
-commit, sees that the licence is still that of the table and that the file is there, downloads it, hashes it,
-compares the hash with the hub's own, and lets it see a picture by its convention. What passes is written to
-``depth_model_pins.toml``; pins of others stay. With ``--check`` nothing is written, and the exit code is 1
-where a pin is not what the hub has at that commit.
+For each NAME (default: all of ``bokehnet/inference/depth_models.toml``) the command reads the newest commit
+from the hub, checks that the licence matches the table and that the file exists, downloads and hashes it,
+compares the hash with that of the hub, and runs the network on a picture by its convention. It writes the
+networks that pass to ``depth_model_pins.toml`` and keeps other pins. With ``--check`` it writes nothing, and
+the exit code is 1 if a pin differs from the hub at that commit.
 """
 
 import argparse
@@ -34,12 +34,12 @@ def pin(model: DepthModel, revision: str | None = None) -> dict[str, str | int]:
     """Return revision, SHA-256 and size of a network's file on the hub.
 
     Args:
-        model: Its name, repository, file, licence and convention.
-        revision: Commit to look at; None takes the newest.
+        model: Name, repository, file, licence and convention of the network.
+        revision: Commit; None for the newest.
 
     Raises:
-        ModelFileError: The licence has changed, the file is gone, the hub's hash is another, or the network
-            does not do as its convention says.
+        ModelFileError: The licence has changed, the file is missing, the hash differs from that of the hub,
+            or the network does not follow its convention.
     """
     from huggingface_hub import HfApi, hf_hub_download
 
@@ -56,16 +56,16 @@ def pin(model: DepthModel, revision: str | None = None) -> dict[str, str | int]:
     path = Path(hf_hub_download(model.repository, model.file, revision=info.sha))
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    told = files[model.file].lfs
-    if told is not None and told.sha256 != sha256:
-        raise ModelFileError(f"{model.name}: the hub tells SHA-256 {told.sha256}, its bytes have {sha256}")
+    lfs = files[model.file].lfs
+    if lfs is not None and lfs.sha256 != sha256:
+        raise ModelFileError(f"{model.name}: expected SHA-256 {lfs.sha256} (hub), found {sha256}")
     ramp = np.broadcast_to(np.linspace(0, 1, 64, dtype=np.float32)[:, None, None], (64, 96, 3))
     DepthEstimator(path, find_convention(model.convention))(np.ascontiguousarray(ramp))
     return {"revision": info.sha, "sha256": sha256, "bytes": path.stat().st_size}
 
 
 def pins_text(pins: dict[str, dict[str, str | int]]) -> str:
-    """The file of pins, in the order of the table."""
+    """Return the text of the file of pins, in the order of the table."""
     tables = []
     for name in (name for name in depth_model_names() if name in pins):
         rows = [f"{key} = {value!r}".replace("'", '"') for key, value in pins[name].items()]
@@ -74,13 +74,13 @@ def pins_text(pins: dict[str, dict[str, str | int]]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Pin what the command line names; 0 where all went well."""
+    """Pin the networks of the command line; return 0 if all passed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all that are published")
-    parser.add_argument("--check", action="store_true", help="write nothing; compare with what is pinned")
-    given = parser.parse_args(arguments)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all published networks")
+    parser.add_argument("--check", action="store_true", help="write nothing; compare with the pins")
+    options = parser.parse_args(arguments)
     pins, failed = tomllib.loads(PINS.read_text(encoding="utf-8")), 0
-    for name in given.names or depth_model_names():
+    for name in options.names or depth_model_names():
         model = find_depth_model(name)
         try:
             if model is None:
@@ -88,18 +88,18 @@ def main(arguments: list[str] | None = None) -> int:
             if model.unpublished:
                 print(f"{name}: left out, {model.unpublished}")
                 continue
-            if given.check and not model.revision:
+            if options.check and not model.revision:
                 raise ModelFileError(f"{name}: not pinned")
-            found = pin(model, model.revision if given.check else None)
-            if given.check and found != pins[name]:
-                raise ModelFileError(f"{name}: expected {pins[name]}, found {found}")
+            pinned = pin(model, model.revision if options.check else None)
+            if options.check and pinned != pins[name]:
+                raise ModelFileError(f"{name}: expected {pins[name]}, found {pinned}")
         except (BokehnetError, OSError) as error:
             failed += 1
             print(f"{name}: {error}", file=sys.stderr)
             continue
-        pins[name] = found
-        print(f"{name}: {found['revision']} {found['sha256']} {found['bytes']} bytes")
-    if not given.check:
+        pins[name] = pinned
+        print(f"{name}: {pinned['revision']} {pinned['sha256']} {pinned['bytes']} bytes")
+    if not options.check:
         write_text(PINS, pins_text(pins), error=ModelFileError)
     return 1 if failed else 0
 

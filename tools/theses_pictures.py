@@ -1,9 +1,9 @@
-"""Make the pictures of ``docs/method/theses.md``.
+"""Render the pictures of ``docs/method/theses.md``.
 
 Run ``python -m tools.theses_pictures [NAME ...] [--truth FOLDER]``.
 
-Leaves before focus and lamps behind it, of the scene of ``bokehnet demo``, by each method or those named;
-FOLDER holds what a lens sees, as for ``python -m tools.pictures``.
+The pictures show leaves in front of focus and lamps behind it, in the scene of ``bokehnet demo``, by each
+method NAME (default: all). FOLDER contains the ray-traced references, as for ``python -m tools.pictures``.
 """
 
 import argparse
@@ -20,34 +20,34 @@ from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 FOLDER = Path(__file__).parents[1] / "docs/images/theses"
 QUALITY = 80
 
-# Left, top, width, height, and which focus: the leaves above the cat; the lamps in the corner.
-PLACES = {"leaves": ((250, 95, 180, 120), "middle"), "lamps": ((0, 10, 180, 120), "near")}
+# Left, top, width, height and focus: the leaves above the cat; the lamps in the corner.
+CROPS = {"leaves": ((250, 95, 180, 120), "middle"), "lamps": ((0, 10, 180, 120), "near")}
 
 
 def write(name: str, pictures: dict[str, np.ndarray]) -> None:
-    """Write both places of a method's pictures, every pixel as a square of two."""
-    shown = []
-    for place, ((left, top, width, height), focus) in PLACES.items():
+    """Write both crops of the pictures of a method, enlarged twice by pixel repetition."""
+    panels = []
+    for crop, ((left, top, width, height), focus) in CROPS.items():
         part = pictures[focus][top : top + height, left : left + width]
-        shown.append((f"{name}, {place}", part.repeat(2, axis=0).repeat(2, axis=1)))
-    bokehnet.write_image(FOLDER / f"{name}.jpg", contact_sheet([shown]), quality=QUALITY)
+        panels.append((f"{name}, {crop}", part.repeat(2, axis=0).repeat(2, axis=1)))
+    bokehnet.write_image(FOLDER / f"{name}.jpg", contact_sheet([panels]), quality=QUALITY)
 
 
 def main() -> None:
-    """Entry of the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("methods", nargs="*", metavar="NAME", help="default: all")
-    parser.add_argument("--truth", type=Path, metavar="FOLDER", help="draw the truth, too")
+    parser.add_argument("--truth", type=Path, metavar="FOLDER", help="also write the ray-traced reference")
     arguments = parser.parse_args()
     FOLDER.mkdir(exist_ok=True)
     image = bokehnet.read_image(ASSETS / "demo.png")
     disparity = read_disparity(ASSETS / "demo_disparity.png")
     defocus = {
-        focus: bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS[focus]) for _, focus in PLACES.values()
+        focus: bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS[focus]) for _, focus in CROPS.values()
     }
     if arguments.truth is not None:
-        shown = {focus: bokehnet.read_image(arguments.truth / f"truth_{focus}.png") for focus in defocus}
-        write("truth", shown)
+        panels = {focus: bokehnet.read_image(arguments.truth / f"truth_{focus}.png") for focus in defocus}
+        write("truth", panels)
     for name in arguments.methods or baselines.BASELINES:
         method = getattr(baselines, name)
         write(name, {focus: method(image, blur) for focus, blur in defocus.items()})

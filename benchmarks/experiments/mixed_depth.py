@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
+from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.render.renderer import BokehRenderer
 
@@ -99,7 +99,7 @@ def main() -> None:
             for map_values in (stored, repaired)
         ]
         cells = [" / ".join(f"{score:.2f}" for score in row) for row in scores]
-        print(f"| {name} | {share_of_mixed(stored, filtered=filtered):.3f} | {cells[0]} | {cells[1]} |")
+        print(f"| {name} | {mixed_pixel_fraction(stored, filtered=filtered):.3f} | {cells[0]} | {cells[1]} |")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""Repair of disparity maps: depth edges moved to the edges of the picture.
+"""Repair of disparity maps: move depth edges to the edges of the picture.
 
-In: the all-in-focus picture, scene-linear (H, W, 3), and its disparity (H, W). Out: a
-:class:`~bokehnet.depth_repair.repair.RepairedMap`, equal to the input wherever no edge is out of place.
+In: the all-in-focus picture, scene-linear (H, W, 3), and its disparity (H, W), any unit. Out: a
+:class:`~bokehnet.depth_repair.repair.RepairedMap` in the same unit, equal to the input where all edges are
+accurate.
 
-Open first: ``repair.py`` (the order of the stages). ``edge_bias.py`` and ``map_offset.py`` measure errors
-that all edges share, ``stages/`` holds one correction a file, ``acceptance.py`` decides where a correction is
-kept.
+Open first: ``repair.py``, which lists the stages in order. ``edge_bias.py`` and ``map_offset.py`` estimate
+errors common to all edges, and ``edge_profile.py`` confirms them without a network. ``stages/`` contains one
+correction per file. ``acceptance.py`` decides where the repair replaces the input.
 """

@@ -1,131 +1,156 @@
-"""How far all steps of a map stand out of place together: near things too large or too small everywhere."""
+"""Edge bias: number of pixels by which foreground regions are too large or too small everywhere in a map.
+
+Method: grey-scale dilation or erosion of the map (Serra, "Image Analysis and Mathematical Morphology", 1982)
+by a radius that is found by bracketing and bisection: the radius doubles until the votes of the repair
+network change sign, then the interval is halved. The network votes for each pixel beside a depth edge whether
+it belongs to the other side.
+
+In: the map (H, W), any unit, rising towards the camera, and a function that returns votes. Out: a signed
+radius in pixels, positive where foreground regions must grow.
+"""
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.stages.edge_sharpening import extremes, with_halo
+from bokehnet.depth_repair.stages.edge_sharpening import extend_rows, local_extremes
 
-__all__ = ["Votes", "busiest_windows", "find_edge_bias", "shift_edges", "stands_right", "vote_shares"]
+__all__ = [
+    "Votes",
+    "find_edge_bias",
+    "is_unbiased",
+    "shift_edges",
+    "vote_fractions",
+    "windows_with_most_edges",
+]
 
-# Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
-# near, how many there are, and both numbers of the near side.
+# Votes of the network in a window, (4,): number of far-side pixels that should become near, number of
+# far-side pixels, number of near-side pixels that should become far, number of near-side pixels.
 Votes = Callable[[tuple[slice, slice], np.ndarray], np.ndarray]
 
-# Where the busiest parts of the picture are looked for: at most so many windows, of so many pixels a side.
-_WINDOWS = 4
-_SIDE = 256
+# Maximum number of windows in which the network votes, and their side in pixels.
+_MAX_WINDOWS = 4
+_WINDOW_SIDE_PX = 256
 
-# A shift by more is not looked for, pixels.
-_FARTHEST = 7
+# Upper bound of the shift, pixels.
+_MAX_SHIFT_PX = 7
 
-# Share of the far sides that votes to become near, less the share of the near sides that votes to become far,
-# on maps that stand right.
-_RIGHT = 0.1
+# Fraction of far-side pixels that vote to become near, minus the fraction of near-side pixels that vote to
+# become far, on accurate maps.
+_UNBIASED_DIFFERENCE = 0.1
 
-# Difference from that up to which a map counts as right.
-_CLOSE = 0.2
+# Maximum deviation from that difference at which a map counts as unbiased.
+_MAX_DEVIATION = 0.2
 
 
 def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
-    """Let whatever is near grow by so many pixels, or shrink where negative; (H, W), any unit."""
+    """Return the map with foreground regions grown by some pixels (dilation), or shrunk (erosion).
+
+    Args:
+        disparity: Map, (H, W), any unit, rising towards the camera.
+        pixels: Half width of the square window, pixels; negative to shrink.
+    """
     if pixels == 0:
         return disparity
     radius = abs(pixels)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, radius)
-        return extremes(disparity[window], radius)[pixels > 0][inner]
+        window, inner = extend_rows(rows, radius)
+        return local_extremes(disparity[window], radius)[pixels > 0][inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)
 
 
-def stands_right(votes: np.ndarray) -> bool:
-    """Whether about as many steps ask to grow as to shrink, by the votes of the network, (4,)."""
-    return abs(_count(votes)[0]) < _CLOSE
+def is_unbiased(votes: np.ndarray) -> bool:
+    """Return whether about as many votes (4,) are for growing as for shrinking."""
+    return abs(_bias_and_total(votes)[0]) < _MAX_DEVIATION
 
 
-def vote_shares(votes: np.ndarray) -> tuple[float, float]:
-    """Shares of the far sides that ask to become near, and of the near sides that ask to become far."""
-    grow, far, shrink, near = (float(vote) for vote in votes)
-    return grow / max(far, 1), shrink / max(near, 1)
+def vote_fractions(votes: np.ndarray) -> tuple[float, float]:
+    """Return the fractions of far-side and of near-side pixels that vote to change sides."""
+    far_votes, far_pixels, near_votes, near_pixels = (float(vote) for vote in votes)
+    return far_votes / max(far_pixels, 1), near_votes / max(near_pixels, 1)
 
 
-def _count(votes: np.ndarray) -> tuple[float, float]:
-    """By how much more steps ask to grow than to shrink, and how many ask for either; shares."""
-    out, back = vote_shares(votes)
-    return out - back - _RIGHT, out + back
+def _bias_and_total(votes: np.ndarray) -> tuple[float, float]:
+    """Return the bias of the votes towards growing, 0 if unbiased, and the sum of both vote fractions."""
+    growing, shrinking = vote_fractions(votes)
+    return growing - shrinking - _UNBIASED_DIFFERENCE, growing + shrinking
 
 
 def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:
-    """Pixels by which the near sides of all steps should grow, negative where they should shrink.
+    """Return the number of pixels by which foreground regions should grow, negative to shrink.
 
-    A network sees whether a step stands too far in or out, but hardly how far. So the map is shifted until as
-    many of its steps ask to grow as to shrink: twice as far each time until the answer turns, then halfway
-    between the last two. Of the shifts tried, and none at all, the one that fewest pixels object to is taken.
-    Only those parts are asked that object to the map as it is.
+    The network sees the direction of an edge error, but hardly its size. The map is therefore shifted until
+    votes for growing and shrinking balance: the shift doubles until the sign of the bias changes, then the
+    interval is bisected. Of all shifts tried, including 0, the function returns the one with the fewest votes
+    for any change. Only windows whose votes on the input are biased take part.
 
     Args:
-        disparity: (H, W), sides multiples of 8.
-        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8).
-        votes: Of the network, for a window and the disparity there.
+        disparity: Map with sides that are multiples of 8, (H, W), any unit.
+        busy: Blocks of 8x8 pixels that contain depth edges, (H / 8, W / 8) bool.
+        votes: Function that returns the votes (4,) for a window and the disparity in it.
 
     Returns:
-        At most 7 either way; 0 where there are no steps, as many ask for either, or no shift is better.
+        Shift in pixels, -7 to 7; 0 if there are no edges, the votes are balanced, or no shift is better.
     """
-    asked = [(window, votes(window, disparity[window])) for window in busiest_windows(busy)]
-    if not asked:
+    window_votes = [(window, votes(window, disparity[window])) for window in windows_with_most_edges(busy)]
+    if not window_votes:
         return 0
-    overall = _count(np.sum([vote for _, vote in asked], 0))[0]
-    if abs(overall) < _CLOSE:
+    overall_bias = _bias_and_total(np.sum([vote for _, vote in window_votes], 0))[0]
+    if abs(overall_bias) < _MAX_DEVIATION:
         return 0
-    way = 1 if overall > 0 else -1
-    # Where a part of the map alone is off, the others have no say in how far.
-    objecting = [part for part in asked if way * _count(part[1])[0] >= _CLOSE] or asked
-    windows = [window for window, _ in objecting]
-    start = _count(np.sum([vote for _, vote in objecting], 0))
-    biases, objections = {0: start[0]}, {0: start[1]}
+    sign = 1 if overall_bias > 0 else -1
+    # If only a part of the map is biased, the other windows would pull the estimate towards 0.
+    biased = [
+        entry for entry in window_votes if sign * _bias_and_total(entry[1])[0] >= _MAX_DEVIATION
+    ] or window_votes
+    windows = [window for window, _ in biased]
+    initial = _bias_and_total(np.sum([vote for _, vote in biased], 0))
+    bias_at, total_at = {0: initial[0]}, {0: initial[1]}
 
-    def bias(shift: int) -> float:
-        if shift not in biases:
-            moved = [(window, shift_edges(disparity[window], shift)) for window in windows]
-            biases[shift], objections[shift] = _count(np.sum([votes(*part) for part in moved], 0))
-        return biases[shift]
+    def measure_bias(shift: int) -> float:
+        if shift not in bias_at:
+            shifted_windows = [(window, shift_edges(disparity[window], shift)) for window in windows]
+            bias_at[shift], total_at[shift] = _bias_and_total(
+                np.sum([votes(*entry) for entry in shifted_windows], 0)
+            )
+        return bias_at[shift]
 
-    before, after = 0, 2
-    while way * bias(way * after) > 0 and after < _FARTHEST:
-        before, after = after, min(2 * after, _FARTHEST)
-    while after - before > 1:
-        middle = (before + after) // 2
-        if way * bias(way * middle) > 0:
-            before = middle
+    low, high = 0, 2
+    while sign * measure_bias(sign * high) > 0 and high < _MAX_SHIFT_PX:
+        low, high = high, min(2 * high, _MAX_SHIFT_PX)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if sign * measure_bias(sign * middle) > 0:
+            low = middle
         else:
-            after = middle
-    return min(objections, key=lambda shift: objections[shift])
+            high = middle
+    return min(total_at, key=lambda shift: total_at[shift])
 
 
-def busiest_windows(busy: np.ndarray, side: int = _SIDE) -> Iterator[tuple[slice, slice]]:
-    """Up to four windows of at most 256x256 pixels that do not overlap, those with the most steps first.
+def windows_with_most_edges(busy: np.ndarray, side: int = _WINDOW_SIDE_PX) -> Iterator[tuple[slice, slice]]:
+    """Yield up to four disjoint windows of at most 256x256 pixels, those with the most depth edges first.
 
     Args:
-        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8) bool.
-        side: Of the windows, if not 256; a multiple of 8.
+        busy: Blocks of 8x8 pixels that contain depth edges, (H / 8, W / 8) bool.
+        side: Side of the windows, pixels; a multiple of 8.
     """
     size = side // 8
-    left_over = busy.astype(np.float64)
-    for _ in range(_WINDOWS):
-        sums = _window_sums(left_over, size)
+    remaining = busy.astype(np.float64)
+    for _ in range(_MAX_WINDOWS):
+        sums = _window_sums(remaining, size)
         row, column = np.unravel_index(int(sums.argmax()), sums.shape)
         if sums[row, column] <= 0:
             return
         window = slice(int(row), int(row) + size), slice(int(column), int(column) + size)
-        left_over[window] = 0
+        remaining[window] = 0
         yield tuple(slice(8 * x.start, 8 * x.stop) for x in window)  # type: ignore[misc]
 
 
 def _window_sums(values: np.ndarray, size: int) -> np.ndarray:
-    """Sum over each square window that fits, or over all of a side that is smaller."""
+    """Return the sum over each square window of ``size`` blocks, clipped to the sides of the map."""
     total = np.pad(values, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     rows, columns = (min(size, side) for side in values.shape)
     strips = total[rows:] - total[:-rows]

@@ -1,8 +1,13 @@
-"""Edge profile: distance from the depth edges of a map to the edges of its picture, in closed form.
+"""Edge profile: signed distance from the depth edges of a map to the edges of its picture, in closed form.
 
-The gradient of the picture is sampled along the normal of each depth edge. Its mean over all edges peaks
-where the edges of the picture lie. The repair moves a map, or all of its edges, only if this profile agrees
-with the network.
+Method: depth edges are ridges of the smoothed slope (non-maximum suppression with a subpixel parabola; Canny,
+"A computational approach to edge detection", IEEE TPAMI 1986). The gradient of the picture is sampled along
+the normal of each; its mean over all edges peaks where the edges of the picture lie. The standard error comes
+from groups of neighbouring edge pixels. The repair moves a map, or all of its edges, only if this profile
+agrees with the network.
+
+In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: an :class:`EdgeProfile` with an
+offset in pixels, positive towards the near side.
 """
 
 import math
@@ -10,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.depth_repair.network_tiles import BLOCK
-from bokehnet.depth_repair.stages.edge_sharpening import STEP
+from bokehnet.depth_repair.network_tiles import BLOCK_PX
+from bokehnet.depth_repair.stages.edge_sharpening import MIN_EDGE_HEIGHT
 from bokehnet.optics.encoding import encode
 
 __all__ = [
@@ -24,7 +29,7 @@ __all__ = [
 ]
 
 # Largest distance of a peak from the depth edge, and spacing of the samples, pixels.
-_REACH_PX, _SPACING_PX = 7.5, 0.5
+_MAX_DISTANCE_PX, _SPACING_PX = 7.5, 0.5
 
 # Distances from a peak between which each of its two sides is measured, pixels.
 _SIDES_PX = (1.5, 3.5)
@@ -35,20 +40,20 @@ _HALF_DIFFERENCE_PX = 1.0
 # Gradient per pixel, encoded light, that is added to the mean of each edge so that noise weighs little.
 _MIN_GRADIENT = 0.005
 
-# Smoothing of the map before its slope is measured, and the slope per pixel that a step of 1 then has.
+# Binomial filter of the map before its slope is measured, and the slope per pixel of a filtered step of 1.
 _SMOOTHING, _SLOPE_OF_STEP = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16), 5 / 16
 
 # Maximum number of edge pixels that are sampled.
 _MAX_EDGE_PIXELS = 6000
 
-# Groups of edge pixels from which the standard error is estimated, and how many errors are subtracted.
+# Number of groups of edge pixels for the standard error, and number of standard errors subtracted.
 _GROUPS, _STANDARD_ERRORS = 16, 2.0
 
 # Minimum certainty for a change of the map. The profiles of random maps reach 0.01.
 _MIN_CERTAINTY = 0.1
 
-# Minimum distance of the peak from the depth edges for a shift: a pixel, less the error on discs. Of accurate
-# maps it reaches 0.75.
+# Minimum distance of the peak from the depth edges for a shift: a pixel, minus the error on discs. On
+# accurate maps the distance reaches 0.75.
 _MIN_OFFSET_PX = 0.9
 
 # Minimum ratio of the certainties of a changed map and of the map as it is.
@@ -62,7 +67,7 @@ class DepthEdges:
     Attributes:
         places: Rows and columns, between pixels, (2, N); in raster order.
         normals: Unit vectors towards the near side, down and right, (2, N).
-        slopes: Slope of the smoothed map, as a share of its range per pixel, (N,).
+        slopes: Slope of the smoothed map, as a fraction of its range per pixel, (N,).
     """
 
     places: np.ndarray
@@ -75,7 +80,7 @@ class DepthEdges:
 
     def within(self, blocks: np.ndarray) -> "DepthEdges":
         """Return the edges inside some blocks of 8x8 pixels, (H / 8, W / 8) bool."""
-        rows, columns = (self.places / BLOCK).astype(np.intp)
+        rows, columns = (self.places / BLOCK_PX).astype(np.intp)
         return self._select(blocks[rows, columns])
 
     def subsampled(self, count: int) -> "DepthEdges":
@@ -94,9 +99,9 @@ class EdgeProfile:
 
     Attributes:
         offset: Distance of the peak from the depth edges, pixels, at most 7.5; positive towards the near
-            side, where near things of the map are too large. The error on exact maps is below 0.5.
-        certainty: Height of the peak above the higher one of its sides, minus two standard errors, as a share
-            of the mean gradient near edges. The profile is meaningless below 0.1.
+            side, if foreground regions of the map are too large. The error on exact maps is below 0.5.
+        certainty: Height of the peak above the higher one of its sides, minus two standard errors, as a
+            fraction of the mean gradient near edges. The profile is meaningless below 0.1.
         edge_pixels: Number of edge pixels of the map.
     """
 
@@ -111,46 +116,50 @@ class EdgeProfile:
 
     @property
     def is_centred(self) -> bool:
-        """Return whether the edges of the picture lie at those of the map, with certainty."""
+        """Return whether the profile is certain and peaks within 0.9 pixels of the depth edges."""
         return self.is_certain and abs(self.offset) < _MIN_OFFSET_PX
 
     def exceeds(self, other: "EdgeProfile") -> bool:
-        """Return whether the profile is certain, and clearly more so than another one."""
+        """Return whether the profile is certain, and at least 1.1 times as certain as another one."""
         return self.is_certain and self.certainty >= _MIN_GAIN * other.certainty
 
 
 def find_depth_edges(disparity: np.ndarray) -> DepthEdges:
-    """Return the depth edges of a map (H, W), any unit, rising towards the camera.
+    """Return the depth edges of a map.
 
-    Edges within 12 pixels of the border are left out, and steps below 5 % of the range of the map.
+    The function ignores edges within 12 pixels of the border and edges lower than 5 % of the range of the
+    map.
+
+    Args:
+        disparity: Map, (H, W), any unit, rising towards the camera.
     """
-    margin, span = math.ceil(_REACH_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX), float(np.ptp(disparity))
+    margin, span = math.ceil(_MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX), float(np.ptp(disparity))
     if span == 0 or min(disparity.shape) <= 2 * margin:
         return DepthEdges(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0))
     down, right = np.gradient(_smooth(_smooth(disparity / span).T).T)
     slope = np.hypot(down, right)
-    steep = slope > STEP * _SLOPE_OF_STEP
+    steep = slope > MIN_EDGE_HEIGHT * _SLOPE_OF_STEP
     steep[:margin] = steep[-margin:] = steep[:, :margin] = steep[:, -margin:] = False
     pixels = np.array(np.nonzero(steep))
-    here = slope[steep]
-    normals = np.array([down[steep], right[steep]]) / here
+    centre = slope[steep]
+    normals = np.array([down[steep], right[steep]]) / centre
     ahead, behind = (_sample(slope[None], pixels + way * normals)[0] for way in (1, -1))
-    ridge = (here >= ahead) & (here > behind)
-    pixels, normals, here, ahead, behind = (x[..., ridge] for x in (pixels, normals, here, ahead, behind))
-    vertex = (ahead - behind) / (2 * (2 * here - ahead - behind))  # of the parabola through three slopes
-    return DepthEdges(pixels + vertex * normals, normals, here)
+    ridge = (centre >= ahead) & (centre > behind)
+    pixels, normals, centre, ahead, behind = (x[..., ridge] for x in (pixels, normals, centre, ahead, behind))
+    vertex = (ahead - behind) / (2 * (2 * centre - ahead - behind))  # of the parabola through three slopes
+    return DepthEdges(pixels + vertex * normals, normals, centre)
 
 
 def edge_profile(image: np.ndarray, edges: DepthEdges) -> EdgeProfile:
     """Return the peak of the mean gradient of a picture across depth edges.
 
-    The gradients along each normal are divided by their mean, so that strong edges of the picture weigh no
-    more than faint ones; edge pixels weigh by their slope. A peak must rise above both of its sides, because
-    textured things before a plain background raise one of them.
+    The gradients along each normal are divided by their mean, so that strong edges of the picture have no
+    more weight than faint ones; edge pixels have their slope as weight. A peak must rise above both of its
+    sides, because textured foreground in front of a plain background raises one of them.
 
     Args:
-        image: Scene-linear, (3, H, W), not negative.
-        edges: Of the map, (H, W).
+        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
+        edges: Depth edges of its map.
     """
     number = len(edges.slopes)
     if number < _GROUPS:
@@ -166,22 +175,22 @@ def edge_profile(image: np.ndarray, edges: DepthEdges) -> EdgeProfile:
     deviations = _heights(sums / weights)[side, peak] - lower[peak]
     error = math.sqrt(np.square(weights * deviations).sum()) / weights.sum()
     return EdgeProfile(
-        offset=-_REACH_PX + _SPACING_PX * (peak + _vertex(lower, peak)),
+        offset=-_MAX_DISTANCE_PX + _SPACING_PX * (peak + _vertex(lower, peak)),
         certainty=float(lower[peak] - _STANDARD_ERRORS * error),
         edge_pixels=number,
     )
 
 
 def accepted_shift(profile: EdgeProfile, shift: int) -> int:
-    """Return the part of a shift that the profile supports: pixels by which near things grow.
+    """Return the part of a shift that the profile supports: pixels by which foreground regions grow.
 
     Args:
-        profile: Of the edges that the shift would move.
-        shift: Proposal, negative where near things shrink.
+        profile: Edge profile of the edges that the shift would move.
+        shift: Proposed shift, pixels, negative to shrink foreground regions.
 
     Returns:
-        0 where the profile is uncertain, peaks less than a pixel from the edges, or has the other sign;
-        otherwise the proposal, at most as far as the peak.
+        0 if the profile is uncertain, peaks less than 0.9 pixels from the edges, or has the other sign;
+        otherwise the proposal, clipped to the distance of the peak.
     """
     if not profile.is_certain or profile.is_centred or profile.offset * shift >= 0:
         return 0
@@ -191,17 +200,17 @@ def accepted_shift(profile: EdgeProfile, shift: int) -> int:
 def accepted_offset(image: np.ndarray, edges: DepthEdges, offset: tuple[int, int]) -> tuple[int, int]:
     """Return the part of a translation that the profile supports, pixels down and to the right.
 
-    A map beside its picture has the edges of the picture on the near side of some of its edges and on the far
-    side of the opposite ones. A translation to the right place turns these peaks into one.
+    In a translated map, the edges of the picture lie on the near side of some depth edges and on the far side
+    of the opposite ones. The correct translation merges these two peaks into one.
 
     Args:
-        image: Scene-linear, (3, H, W), not negative.
-        edges: Of the map as it is.
-        offset: Proposal.
+        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
+        edges: Depth edges of the input map.
+        offset: Proposed translation, pixels.
 
     Returns:
-        The proposal or one of its components, whichever has the most certain profile; (0, 0) where none is
-        certain, or not clearly more so than the map as it is.
+        The proposal or one of its components, whichever has the most certain profile; (0, 0) if none is
+        certain, or none is clearly more certain than the input.
     """
     if offset == (0, 0):
         return offset
@@ -213,12 +222,12 @@ def accepted_offset(image: np.ndarray, edges: DepthEdges, offset: tuple[int, int
 
 
 def _gradients(image: np.ndarray, edges: DepthEdges) -> np.ndarray:
-    """Return the gradients along each normal over their mean, (samples, N)."""
-    reach = _REACH_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX
+    """Return the gradients along each normal divided by their mean, (samples, N)."""
+    reach = _MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX
     distances = np.arange(-reach, reach + _SPACING_PX / 2, _SPACING_PX)[:, None]
     light = encode(_sample(image, edges.places[:, None] + distances * edges.normals[:, None]))
-    apart = round(2 * _HALF_DIFFERENCE_PX / _SPACING_PX)
-    gradients = np.abs(light[:, apart:] - light[:, :-apart]).mean(0) / (2 * _HALF_DIFFERENCE_PX)
+    lag = round(2 * _HALF_DIFFERENCE_PX / _SPACING_PX)
+    gradients = np.abs(light[:, lag:] - light[:, :-lag]).mean(0) / (2 * _HALF_DIFFERENCE_PX)
     scaled: np.ndarray = gradients / (gradients.mean(0) + _MIN_GRADIENT)
     return scaled
 
@@ -236,15 +245,15 @@ def _heights(profiles: np.ndarray) -> np.ndarray:
 
 
 def _vertex(values: np.ndarray, at: int) -> float:
-    """Return where the parabola through the largest of some values and its two neighbours peaks, from it."""
+    """Return the distance from a maximum to the peak of the parabola through it and its neighbours."""
     if not 0 < at < len(values) - 1:
         return 0.0
-    before, here, after = values[at - 1 : at + 2]
-    return float((after - before) / (2 * (2 * here - before - after)))
+    before, centre, after = values[at - 1 : at + 2]
+    return float((after - before) / (2 * (2 * centre - before - after)))
 
 
 def _smooth(values: np.ndarray) -> np.ndarray:
-    """Smooth each column of a map (H, W), the border repeated."""
+    """Smooth each column of a map (H, W) with the border repeated."""
     padded = np.pad(values, ((len(_SMOOTHING) // 2,) * 2, (0, 0)), "edge")
     smooth = np.zeros_like(values)
     for row, weight in enumerate(_SMOOTHING):

@@ -1,8 +1,15 @@
-"""By how many pixels a map lies beside its picture: all its steps out of place together, one way.
+"""Map offset: translation between a map and its picture, in pixels.
 
-Maps of another camera, of another crop, or enlarged from the corners of their pixels lie so. Near things are
-as large as they should be, so that as many steps ask to grow as to shrink: those on one side of them and
-those on the other. A place is sought where few ask for either.
+A map has an offset if it comes from another camera or crop, or if it was enlarged with pixel corners aligned
+instead of centres. Foreground regions then have the right size, so that votes for growing (on one side of a
+region) and for shrinking (on the opposite side) balance, but both are frequent.
+
+Method: compass search with step halving (pattern search; Hooke and Jeeves, ""Direct search" solution of
+numerical and statistical problems", Journal of the ACM 1961) for the translation with the fewest votes of the
+repair network.
+
+In: the map (H, W), any unit, and a function that returns votes. Out: an integer translation (down, right) in
+pixels.
 """
 
 import math
@@ -11,35 +18,41 @@ from itertools import islice
 
 import numpy as np
 
-from bokehnet.depth_repair.edge_bias import Votes, busiest_windows, shift_edges, vote_shares
+from bokehnet.depth_repair.edge_bias import Votes, shift_edges, vote_fractions, windows_with_most_edges
 
-__all__ = ["find_map_offset", "move_map"]
+__all__ = ["find_map_offset", "translate_map"]
 
-# Side of the part of the map that is asked, pixels.
-_SIDE = 192
+# Side of the window in which translations are searched, pixels.
+_SEARCH_SIDE_PX = 192
 
-# Side of the smallest map that is moved, pixels: less shows too little of its steps.
-_SMALLEST = 64
+# Minimum side of a map that is translated, pixels: smaller maps contain too few edges.
+_MIN_SIDE_PX = 64
 
-# Steps in pixels by which places are tried, one after the other, and the farthest place.
-_STRIDES, _FARTHEST = (4, 2, 1), 7
+# Strides of the search, one after the other, and upper bound of the translation per axis, pixels.
+_STRIDES_PX, _MAX_OFFSET_PX = (4, 2, 1), 7
 
-# Most objections to a new place, over those to the old one. Maps that lie right, but are wrong otherwise,
-# have 0.75 and more at their best place.
-_BETTER = 0.7
+# Maximum ratio of the vote fractions at the new and the old translation. Maps without an offset, but with
+# other errors, have 0.75 and more at their best translation.
+_MAX_VOTE_RATIO = 0.7
 
-# Least share of objections that goes, for each pixel of the way.
-_LEAST_GAIN = 0.05
+# Minimum decrease of the vote fraction per pixel of translation.
+_MIN_GAIN_PER_PX = 0.05
 
-# Most objections to a new place, over those to the old one, for a larger part of the map to be asked.
-_WORTH_ASKING = 0.85
+# Maximum ratio of the vote fractions at which a candidate is verified in larger windows.
+_MAX_CANDIDATE_RATIO = 0.85
 
-# Times as many objections to all places two pixels away as to the map's own, from which on no other is tried.
-_CLEARLY = 1.4
+# Minimum ratio of the vote fractions two pixels away, in all four directions, and at the input, at which the
+# search ends at once.
+_MIN_REJECTION_RATIO = 1.4
 
 
-def move_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
-    """Move a map (H, W) down and to the right by so many pixels; its border fills what is left open."""
+def translate_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
+    """Return the map translated by whole pixels, with its border repeated.
+
+    Args:
+        disparity: Map, (H, W), any unit.
+        offset: Translation down and to the right, pixels.
+    """
     if offset == (0, 0):
         return disparity
     rows, columns = (
@@ -50,85 +63,97 @@ def move_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
 
 
 def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: Votes) -> tuple[int, int]:
-    """Pixels down and to the right by which a map should be moved.
+    """Return the translation that aligns a map with its picture, pixels down and to the right.
 
-    A map that lies beside its picture by much may seem to have near things of another size. So it is moved
-    both as it is and with these shifted, and the first is believed where far fewer object.
+    A large offset can look like an edge bias. The function therefore searches for the map both with and
+    without the estimated shift, and prefers the result without it if that has far fewer votes.
 
     Args:
-        disparity: (H, W), sides multiples of 8.
-        shift: Pixels by which near things seem to have to grow.
-        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8).
-        votes: Of the network, for a window and the disparity there.
+        disparity: Map with sides that are multiples of 8, (H, W), any unit.
+        shift: Estimated edge bias: pixels by which foreground regions should grow.
+        busy: Blocks of 8x8 pixels that contain depth edges, (H / 8, W / 8) bool.
+        votes: Function that returns the votes (4,) for a window and the disparity in it.
 
     Returns:
-        At most 7 either way; 0 and 0 where no place is much better.
+        Translation per axis, -7 to 7; (0, 0) if no translation is much better.
     """
-    windows, part = list(busiest_windows(busy)), list(islice(busiest_windows(busy, _SIDE), 1))
-    if not windows or min(disparity.shape) < _SMALLEST:
+    windows, search_window = (
+        list(windows_with_most_edges(busy)),
+        list(islice(windows_with_most_edges(busy, _SEARCH_SIDE_PX), 1)),
+    )
+    if not windows or min(disparity.shape) < _MIN_SIDE_PX:
         return 0, 0
     grown = shift_edges(disparity, shift)
-    best = _best_place(grown, part, windows, votes)
+    best = _search(grown, search_window, windows, votes)
     if shift == 0:
         return best
-    plain = _best_place(disparity, part, windows, votes)
-    limit = _BETTER * sum(_objections(grown, best, windows, votes))
-    return plain if sum(_objections(disparity, plain, windows, votes)) <= limit else best
+    plain = _search(disparity, search_window, windows, votes)
+    limit = _MAX_VOTE_RATIO * sum(_votes_against(grown, best, windows, votes))
+    return plain if sum(_votes_against(disparity, plain, windows, votes)) <= limit else best
 
 
-def _objections(
+def _votes_against(
     disparity: np.ndarray, offset: tuple[int, int], windows: Sequence[tuple[slice, slice]], votes: Votes
 ) -> tuple[float, float]:
-    """Shares of the far and of the near sides of steps in some windows that object to a place of the map."""
-    moved = move_map(disparity, offset)
-    return vote_shares(np.sum([votes(window, moved[window]) for window in windows], 0))
+    """Return the vote fractions of the far and the near sides of edges in some windows for a translation."""
+    translated = translate_map(disparity, offset)
+    return vote_fractions(np.sum([votes(window, translated[window]) for window in windows], 0))
 
 
-def _is_better(offset: tuple[int, int], there: tuple[float, float], here: tuple[float, float]) -> bool:
-    """Whether far fewer object there than here, of both sides of steps.
+def _is_better(
+    offset: tuple[int, int], candidate_votes: tuple[float, float], input_votes: tuple[float, float]
+) -> bool:
+    """Return whether a translation has far fewer votes than the input, and no more on either side of edges.
 
-    What only one side asks for is that near things be larger or smaller.
+    A change of the votes on one side alone indicates an edge bias, not an offset.
     """
-    after, before = sum(there), sum(here)
-    none_loses = there[0] <= here[0] and there[1] <= here[1]
-    return none_loses and after <= _BETTER * before and before - after >= _LEAST_GAIN * math.hypot(*offset)
+    total_after, total_before = sum(candidate_votes), sum(input_votes)
+    neither_grows = candidate_votes[0] <= input_votes[0] and candidate_votes[1] <= input_votes[1]
+    return (
+        neither_grows
+        and total_after <= _MAX_VOTE_RATIO * total_before
+        and total_before - total_after >= _MIN_GAIN_PER_PX * math.hypot(*offset)
+    )
 
 
-def _best_place(
+def _search(
     disparity: np.ndarray,
-    part: Sequence[tuple[slice, slice]],
+    search_window: Sequence[tuple[slice, slice]],
     windows: Sequence[tuple[slice, slice]],
     votes: Votes,
 ) -> tuple[int, int]:
-    """The place to which fewest object.
+    """Return the translation with the fewest votes, (0, 0) unless it is clearly better than the input.
 
-    A busy part of the map is asked where it should lie: from where it is by steps of 4, then 2, then 1, as
-    long as fewer object. Larger windows have to agree.
+    The compass search runs in one small window, with strides of 4, 2 and 1 pixels. Larger windows verify its
+    result.
     """
-    told: dict[tuple[int, int], tuple[float, float]] = {}
+    fractions: dict[tuple[int, int], tuple[float, float]] = {}
 
-    def ask_around(place: tuple[int, int], stride: int) -> list[float]:
-        steps = ((0, 0), (0, stride), (0, -stride), (stride, 0), (-stride, 0))
-        around = [(place[0] + down, place[1] + right) for down, right in steps]
-        around = [offset for offset in around if max(map(abs, offset)) <= _FARTHEST]
-        for offset in around:
-            if offset not in told:
-                told[offset] = _objections(disparity, offset, part, votes)
-        return [sum(told[offset]) for offset in around]
+    def evaluate_around(centre: tuple[int, int], stride: int) -> list[float]:
+        directions = ((0, 0), (0, stride), (0, -stride), (stride, 0), (-stride, 0))
+        candidates = [(centre[0] + down, centre[1] + right) for down, right in directions]
+        candidates = [offset for offset in candidates if max(map(abs, offset)) <= _MAX_OFFSET_PX]
+        for offset in candidates:
+            if offset not in fractions:
+                fractions[offset] = _votes_against(disparity, offset, search_window, votes)
+        return [sum(fractions[offset]) for offset in candidates]
 
-    here = best = (0, 0)
-    own, *beside = ask_around(here, 2)
-    if min(beside) >= _CLEARLY * own:
-        return here
-    for stride in _STRIDES:
-        before = None
-        while best != before:
-            before = best
-            ask_around(best, stride)
-            best = min(told, key=lambda offset: sum(told[offset]))
-    sides = told[best], told[here]
-    for asked in (windows[:1], windows):
-        if best == here or sum(sides[0]) > _WORTH_ASKING * sum(sides[1]):
-            return here
-        sides = _objections(disparity, best, asked, votes), _objections(disparity, here, asked, votes)
-    return best if _is_better(best, *sides) else here
+    start = best = (0, 0)
+    votes_here, *votes_around = evaluate_around(start, 2)
+    if min(votes_around) >= _MIN_REJECTION_RATIO * votes_here:
+        return start
+    for stride in _STRIDES_PX:
+        previous = None
+        while best != previous:
+            previous = best
+            evaluate_around(best, stride)
+            best = min(fractions, key=lambda offset: sum(fractions[offset]))
+    comparison = fractions[best], fractions[start]
+    for checked in (windows[:1], windows):
+        if best == start or sum(comparison[0]) > _MAX_CANDIDATE_RATIO * sum(comparison[1]):
+            return start
+        comparison = (
+            _votes_against(disparity, best, checked, votes),
+            _votes_against(disparity, start, checked, votes),
+        )
+    return best if _is_better(best, *comparison) else start

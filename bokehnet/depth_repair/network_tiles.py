@@ -1,69 +1,82 @@
-"""The parts of a map at which the network of the disparity repair looks, one after the other."""
+"""Overlapping tiles in which the repair network processes a map.
+
+Method: overlap-tile strategy (Ronneberger, Fischer and Brox, "U-Net", MICCAI 2015): each tile is extended by
+    a
+halo of the receptive field, so that its result equals that of the whole map. Tiles shrink to the bounding box
+of their depth edges, and tiles without edges are skipped.
+
+In: the blocks of 8x8 pixels that contain depth edges, (H / 8, W / 8) bool. Out: rows and columns of tiles,
+pixels.
+"""
 
 from collections.abc import Iterator
 from itertools import pairwise, product
 
 import numpy as np
 
-__all__ = ["BLOCK", "HALO", "TILE", "repair_tiles"]
+__all__ = ["BLOCK_PX", "HALO_PX", "MAX_TILE_PIXELS", "repair_tiles"]
 
-# The network halves its input three times.
-BLOCK = 8
+# Side of a block, pixels: the network halves its input three times.
+BLOCK_PX = 8
 
-# Pixels around a tile that its result depends on: windows of 7 and of 23, seven 3x3 convolutions at half
-# size, seven at a quarter, five at an eighth.
-HALO = 112
+# Width of the halo, pixels: the receptive field of windows of 7 and 23 pixels, seven 3x3 convolutions at half
+# size, seven at a quarter and five at an eighth.
+HALO_PX = 112
 
-# Most pixels that the network sees at once, halos and all; what halos share is seen twice. Tiles of 1.6
-# million pixels take 0.3 GB more and are no quicker, those of 0.6 million cost a sixth more time.
-TILE = 1000 * 1000
+# Maximum number of pixels of a tile including its halo; overlapping halos are computed twice. Tiles of 1.6
+# million pixels need 0.3 GB more and are not faster, tiles of 0.6 million need a sixth more time.
+MAX_TILE_PIXELS = 1000 * 1000
 
-# Tiles along a side at most: parts of 256 pixels of the largest maps that the network sees.
-_MOST = 8
+# Maximum number of tiles along a side: tiles of 256 pixels in the largest map that the network processes.
+_MAX_TILES = 8
 
 
-def repair_tiles(busy: np.ndarray, most: int) -> Iterator[tuple[slice, slice]]:
-    """Cut a map into tiles around the blocks that are ``busy``.
+def repair_tiles(busy: np.ndarray, max_pixels: int) -> Iterator[tuple[slice, slice]]:
+    """Yield tiles that cover all blocks with depth edges.
 
     Args:
-        busy: Which blocks of ``BLOCK`` pixels hold steps, (H / 8, W / 8) bool; at most 256 along a side.
-        most: Pixels of a tile with its halos.
+        busy: Blocks of 8x8 pixels that contain depth edges, (H / 8, W / 8) bool; at most 256 along a side.
+        max_pixels: Maximum number of pixels of a tile including its halo.
 
     Yields:
-        Rows and columns, pixels, of the rectangle that holds what is busy in a tile, without halos.
+        Rows and columns, pixels, of the bounding box of the edges in a tile, without the halo.
     """
     height, width = busy.shape
-    for down, across in product(*_cut(height, width, most)):
-        part = busy[down, across]
-        rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
+    for down, across in product(*_cut(height, width, max_pixels)):
+        blocks_of_tile = busy[down, across]
+        rows, columns = np.flatnonzero(blocks_of_tile.any(1)), np.flatnonzero(blocks_of_tile.any(0))
         if len(rows):
             yield (
-                slice(BLOCK * (down.start + int(rows[0])), BLOCK * (down.start + int(rows[-1]) + 1)),
+                slice(BLOCK_PX * (down.start + int(rows[0])), BLOCK_PX * (down.start + int(rows[-1]) + 1)),
                 slice(
-                    BLOCK * (across.start + int(columns[0])), BLOCK * (across.start + int(columns[-1]) + 1)
+                    BLOCK_PX * (across.start + int(columns[0])),
+                    BLOCK_PX * (across.start + int(columns[-1]) + 1),
                 ),
             )
 
 
-def _cut(rows: int, columns: int, most: int) -> tuple[list[slice], list[slice]]:
-    """Tiles of like size that fit with halos, in blocks; of all ways the one in which they see least."""
-    ways = []
-    for count_down, count_across in product(range(1, _MOST + 1), repeat=2):
+def _cut(rows: int, columns: int, max_pixels: int) -> tuple[list[slice], list[slice]]:
+    """Return rows and columns of equal tiles, in blocks, with the fewest pixels including halos."""
+    layouts = []
+    for count_down, count_across in product(range(1, _MAX_TILES + 1), repeat=2):
         down, across = _parts(rows, count_down), _parts(columns, count_across)
-        heights, widths = _seen(down, rows), _seen(across, columns)
-        if max(heights) * max(widths) * BLOCK**2 <= most:
-            ways.append((sum(heights) * sum(widths), down, across))
-    _, down, across = min(ways, key=lambda way: way[0])
+        heights, widths = _with_halos(down, rows), _with_halos(across, columns)
+        if max(heights) * max(widths) * BLOCK_PX**2 <= max_pixels:
+            layouts.append((sum(heights) * sum(widths), down, across))
+    _, down, across = min(layouts, key=lambda layout: layout[0])
     return down, across
 
 
 def _parts(blocks: int, count: int) -> list[slice]:
-    """Equal parts of a side."""
+    """Return a side cut into equal parts, in blocks."""
     ends = [blocks * i // count for i in range(count + 1)]
     return [slice(first, last) for first, last in pairwise(ends)]
 
 
-def _seen(parts: list[slice], blocks: int) -> list[int]:
-    """Blocks of each part with its halos."""
-    halo = HALO // BLOCK
-    return [min(part.stop + halo, blocks) - max(part.start - halo, 0) for part in parts]
+def _with_halos(parts: list[slice], blocks: int) -> list[int]:
+    """Return the number of blocks of each part with its halo, clipped to the side."""
+    halo = HALO_PX // BLOCK_PX
+    return [
+        min(blocks_of_tile.stop + halo, blocks) - max(blocks_of_tile.start - halo, 0)
+        for blocks_of_tile in parts
+    ]

@@ -1,4 +1,4 @@
-"""What the repair of maps decides once for all frames of a shot."""
+"""Decisions of the repair that all frames of a shot share, so that edges do not flicker."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ __all__ = ["RepairPlan", "common_plan"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RepairPlan:
-    """What the repair decides from a map, so that it may be decided once for all maps of a shot.
+    """Decisions of the repair for one map, or for all maps of a shot.
 
     Attributes:
-        repaired: Whether edges are moved.
-        softness: Share of soft steps.
-        shift: Pixels by which near things grow everywhere.
-        offset: Pixels down and to the right by which the map is moved.
-        noise: Deviation of the map's noise, as a share of its range.
+        repaired: True if edges are moved.
+        softness: Fraction of soft edges, 0 to 1.
+        shift: Edge bias: pixels by which foreground regions grow everywhere, negative to shrink.
+        offset: Translation of the map down and to the right, pixels.
+        noise: Standard deviation of the noise, as a fraction of the range of the map.
     """
 
     repaired: bool
@@ -26,7 +26,7 @@ class RepairPlan:
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
-    """What most of some maps of a shot ask for: medians, of an even number the lower one.
+    """Return the median of the decisions for some maps of a shot; the lower one of an even number.
 
     Examples:
         >>> common_plan([RepairPlan(repaired=x > 1, softness=0.1 * x, shift=x) for x in (0, 2, 5)])

@@ -39,7 +39,7 @@ def device_of(device: str, classical: str) -> str:
     else:
         try:
             require_extra("torch", "cuda")
-            problem = import_module("bokehnet.classical.torch.device_scatter").why_no_cuda()
+            problem = import_module("bokehnet.classical.torch.device_scatter").cuda_unavailable_reason()
             if classical == "rays":
                 problem = problem or _why_no_rays()
             if problem:
@@ -59,7 +59,7 @@ def _why_no_rays() -> str | None:
         march = import_module("bokehnet.classical.cuda.march")
     except Exception as error:  # numba-cuda raises AttributeError beside a NumPy that it does not fit
         return f"numba.cuda that cannot be imported ({' '.join(str(error).split())})"
-    reason: str | None = march.why_no_rays()
+    reason: str | None = march.cuda_rays_unavailable_reason()
     return reason
 
 

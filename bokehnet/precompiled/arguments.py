@@ -1,8 +1,8 @@
-"""Arguments of kernels: the words that tell their types, and the flat list that machine code takes.
+"""Arguments of kernels: descriptions of their types, and the flat argument list of machine code.
 
-A kernel's machine code takes an array as seven and more numbers (owner, parent, items, bytes of an item,
-data, shape, strides), a tuple as its elements one after the other, and ``None`` as a pointer to nothing. That
-is numba's own calling convention; ``tools/kernel_library.py`` compares every kernel's with this file.
+Machine code takes an array as seven or more numbers (owner, parent, number of items, bytes per item, data,
+shape, strides), a tuple as its elements in order, and ``None`` as a null pointer. This is the calling
+convention of numba; ``tools/kernel_library.py`` compares the convention of every kernel with this file.
 """
 
 import ctypes
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["SCALARS", "Unknown", "c_types", "describe", "flatten"]
+__all__ = ["SCALARS", "UnsupportedArgument", "c_types", "describe", "flatten"]
 
 SCALARS = {
     "b1": ctypes.c_bool,
@@ -26,21 +26,21 @@ SCALARS = {
     "f4": ctypes.c_float,
     "f8": ctypes.c_double,
 }
-_LARGEST = 2**63
+_INT64_LIMIT = 2**63
 
 
-class Unknown(Exception):  # noqa: N818  # no error: such arguments go to the compiler
-    """An argument that precompiled kernels do not take."""
+class UnsupportedArgument(Exception):  # noqa: N818  # control flow, not an error: numba compiles for such arguments
+    """Argument of a type that precompiled kernels do not support."""
 
 
 def describe(value: Any) -> str:
-    """The type of an argument in a word, as fine as kernels tell types apart.
+    """Return the type of an argument as a short string.
 
-    ``f4[3C]`` is a contiguous array of float32 with three axes, ``C``, ``F`` or ``A`` as NumPy lays it out,
-    with ``r`` where it is read-only; ``i8`` a whole number; ``Name(f4[1C],None)`` a named tuple.
+    ``f4[3C]`` is an array of float32 with three axes and the layout ``C``, ``F`` or ``A`` (any strides), with
+    the suffix ``r`` if it is read-only; ``i8`` is an integer; ``Name(f4[1C],None)`` is a named tuple.
 
     Raises:
-        Unknown: Another type, or an array that is unaligned or in foreign byte order.
+        UnsupportedArgument: The type is not supported, or an array is unaligned or in foreign byte order.
 
     Examples:
         >>> describe((np.zeros((2, 3), np.float32), 4, None))
@@ -51,14 +51,14 @@ def describe(value: Any) -> str:
         flags, dtype = value.flags, value.dtype
         word = dtype.str[1:]
         if word not in SCALARS or not dtype.isnative or not flags.aligned:
-            raise Unknown
+            raise UnsupportedArgument
         layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
         return f"{word}[{value.ndim}{layout}{'' if flags.writeable else 'r'}]"
     if kind is float:
         return "f8"
     if kind is bool:
         return "b1"
-    if kind is int and -_LARGEST <= value < _LARGEST:
+    if kind is int and -_INT64_LIMIT <= value < _INT64_LIMIT:
         return "i8"
     if value is None:
         return "None"
@@ -67,11 +67,11 @@ def describe(value: Any) -> str:
         return f"{name}({','.join([describe(element) for element in value])})"
     if isinstance(value, np.generic) and value.dtype.str[1:] in SCALARS:
         return value.dtype.str[1:]
-    raise Unknown
+    raise UnsupportedArgument
 
 
 def flatten(values: tuple[Any, ...], flat: list[Any]) -> None:
-    """Append what machine code takes for these arguments, all of them known to :func:`describe`."""
+    """Append the flat arguments of machine code to ``flat``; all types must be known to :func:`describe`."""
     for value in values:
         if type(value) is np.ndarray:
             flat += (None, None, value.size, value.itemsize, value.__array_interface__["data"][0])
@@ -84,17 +84,17 @@ def flatten(values: tuple[Any, ...], flat: list[Any]) -> None:
 
 
 def c_types(description: str) -> list[Any]:
-    """Types of the flat list for the arguments in a word of :func:`describe`, which is that of a tuple.
+    """Return the C types of the flat list for a tuple of arguments, described by :func:`describe`.
 
     Examples:
         >>> [kind.__name__ for kind in c_types("(f4,(i8,None))")]
         ['c_float', 'c_long', 'c_void_p']
     """
-    return [kind for word in _words(description) for kind in _flat_types(word)]
+    return [kind for word in _leaf_types(description) for kind in _flat_types(word)]
 
 
-def _words(description: str) -> Iterator[str]:
-    """Words of scalars and arrays, without the brackets of the tuples around them."""
+def _leaf_types(description: str) -> Iterator[str]:
+    """Yield the descriptions of scalars and arrays, without the brackets of tuples."""
     for word in description.replace("(", "(,").replace(")", ",").split(","):
         if word and not word.endswith("("):
             yield word

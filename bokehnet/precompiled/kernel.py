@@ -1,39 +1,39 @@
-"""Functions that run as machine code, precompiled where the package has them so, else compiled by numba."""
+"""Kernels: functions that run as precompiled machine code if available, otherwise compiled by numba."""
 
 import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from bokehnet.precompiled.arguments import Unknown, describe, flatten
+from bokehnet.precompiled.arguments import UnsupportedArgument, describe, flatten
 from bokehnet.precompiled.library import find
 from bokehnet.precompiled.machine import MachineCode
 
 __all__ = ["KERNELS", "Kernel", "record_calls"]
 
-# Every kernel by its full name, as modules are imported.
+# All kernels of imported modules by full name.
 KERNELS: dict[str, "Kernel"] = {}
 
 _recording = False
 
 
 class Kernel:
-    """A function of arrays and numbers that numba can compile, and that other kernels may call.
+    """Function of arrays and numbers that numba can compile and that other kernels can call.
 
-    What is asked of it beyond a call, such as ``signatures``, numba's dispatcher answers.
+    Attributes other than those below, such as ``signatures``, are those of the numba dispatcher.
 
     Attributes:
-        function: In Python.
-        options: Of numba's ``njit``.
-        machine_code: What runs for the types that it was called with, as
-            :func:`bokehnet.precompiled.arguments.describe` tells them; ``None`` where numba does.
-        called: The same types, of calls inside :func:`record_calls`.
+        function: Python function.
+        options: Options of the ``njit`` of numba.
+        machine_code: Loaded machine code by argument types
+            (:func:`bokehnet.precompiled.arguments.describe`); ``None`` if numba runs these types.
+        called: Argument types of calls inside :func:`record_calls`.
     """
 
     def __init__(
         self, function: Callable[..., Any], options: dict[str, Any], compiler: Callable[[], Any]
     ) -> None:
-        """``compiler`` makes numba's dispatcher, when it is wanted."""
+        """Register the kernel; ``compiler`` returns the numba dispatcher and is called on first use."""
         functools.update_wrapper(self, function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self.function, self.options = function, options
@@ -42,11 +42,11 @@ class Kernel:
         self.machine_code: dict[str, MachineCode | None] = {}
         KERNELS[self.name] = self
 
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Run on arrays, numbers, tuples of them and ``None``."""
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Run the kernel on arrays, numbers, tuples of them and ``None``."""
         try:
-            description = "" if named else describe(arguments)
-        except Unknown:
+            description = "" if keywords else describe(arguments)
+        except UnsupportedArgument:
             description = ""
         if _recording and description:
             self.called.add(description)
@@ -58,7 +58,7 @@ class Kernel:
                 flat: list[Any] = []
                 flatten(arguments, flat)
                 return run(flat)
-        return self.dispatcher(*arguments, **named)
+        return self.dispatcher(*arguments, **keywords)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -67,17 +67,17 @@ class Kernel:
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """What numba makes of the function."""
+        """Numba dispatcher of the function."""
         return self._compiler()
 
     @property
-    def _numba_type_(self) -> Any:  # by which numba knows a kernel inside another one
+    def _numba_type_(self) -> Any:  # numba resolves calls of kernels inside kernels by this
         return self.dispatcher._numba_type_
 
 
 @contextmanager
 def record_calls() -> Iterator[None]:
-    """Leave all calls inside the block to numba, and note in every kernel what it was called with."""
+    """Run all calls inside the block by numba, and record their argument types in ``Kernel.called``."""
     global _recording
     _recording = True
     try:

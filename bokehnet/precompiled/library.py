@@ -1,4 +1,4 @@
-"""The library of machine code that a wheel carries: what it holds, and whether it fits machine and code."""
+"""Library of machine code inside a wheel: lookup, and checks against this machine and this code."""
 
 import functools
 import hashlib
@@ -18,30 +18,30 @@ from bokehnet.precompiled.machine import CLASS_FEATURES, MachineCode, load, syst
 
 __all__ = ["FOLDER", "FORMAT", "OFF", "Entry", "KernelEntries", "Manifest", "find", "versions"]
 
-# Set to leave everything to numba.
+# Environment variable; any value but 0 disables the library.
 OFF = "BOKEHNET_NO_PRECOMPILED"
 
-# Where the library is, if there is one.
+# Folder of the library; it may be missing.
 FOLDER = Path(__file__).parent / "machine_code"
 
-# Of manifests and of the calling convention; a library of another one is ignored.
+# Version of the manifest and of the calling convention; libraries of other versions are ignored.
 FORMAT = 2
 
-# Layout of an array, in its description.
+# Layout of an array in its description.
 _LAYOUT = re.compile(r"(?<=\[\d)[CFA](?=r?\])")
 
 _log = logging.getLogger(__name__)
 
 
 class Entry(TypedDict):
-    """One kernel for one list of types.
+    """Object file of one kernel for one list of argument types.
 
     Attributes:
-        start: Offset of its object file in the library, bytes.
-        size: Of its object file, bytes.
-        symbol: Name of the kernel in it.
-        needs: Names that numba must define.
-        returned: See :func:`bokehnet.precompiled.results.result_reader`.
+        start: Offset of the object file in the library, bytes.
+        size: Size of the object file, bytes.
+        symbol: Name of the kernel in the object file.
+        needs: Symbols that numba must define.
+        returned: Description of the result, see :func:`bokehnet.precompiled.results.result_reader`.
     """
 
     start: int
@@ -52,22 +52,22 @@ class Entry(TypedDict):
 
 
 class KernelEntries(TypedDict):
-    """One kernel: the key of its code, and its entries by description of their arguments."""
+    """Key of the code of one kernel, and its entries by description of the arguments."""
 
     key: str
     entries: dict[str, Entry]
 
 
 class Manifest(TypedDict):
-    """What the library holds, ``kernels.json`` beside ``kernels.bin``.
+    """Content of ``kernels.json``, the manifest of ``kernels.bin``.
 
     Attributes:
-        format: :data:`FORMAT`.
-        system: See :func:`bokehnet.precompiled.machine.system`.
+        format: Version, :data:`FORMAT`.
+        system: Operating system and architecture, see :func:`bokehnet.precompiled.machine.system`.
         processor: Key of :data:`bokehnet.precompiled.machine.CLASS_FEATURES`.
-        versions: See :func:`versions`.
-        sha256: Of the library.
-        kernels: By full name.
+        versions: Versions of Python and numba, see :func:`versions`.
+        sha256: Hash of the library, hexadecimal.
+        kernels: Entries by full name of the kernel.
     """
 
     format: int
@@ -79,7 +79,7 @@ class Manifest(TypedDict):
 
 
 def versions() -> list[str]:
-    """Return Python and numba with their minor versions: of bytecode, and of the run-time functions."""
+    """Return the minor versions of Python (bytecode) and numba (run-time functions)."""
     import numba
 
     return [
@@ -89,46 +89,49 @@ def versions() -> list[str]:
 
 
 def find(kernel: Any, description: str, folder: Path = FOLDER) -> MachineCode | None:
-    """Return machine code of a kernel for arguments of these types, if the library has it for this machine.
+    """Return machine code of a kernel for some argument types, or None if the library has none that fits.
 
-    Code for arrays of any strides serves contiguous ones, too. Code that was made of another text of the
-    kernel, comments and docstrings aside, is ignored.
+    Code for arrays of any strides also serves contiguous arrays. The function ignores code whose key differs
+    from that of the kernel.
 
     Args:
         kernel: A :class:`bokehnet.precompiled.kernel.Kernel`.
-        description: Of its arguments, from :func:`bokehnet.precompiled.arguments.describe`.
-        folder: Of the library.
+        description: Argument types from :func:`bokehnet.precompiled.arguments.describe`.
+        folder: Folder of the library.
     """
     if os.environ.get(OFF, "0") != "0" or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return None
-    opened = _open(folder)
-    known = opened[1]["kernels"].get(kernel.name) if opened is not None else None
-    described = _fitting(description, known["entries"]) if known is not None else None
-    if opened is None or known is None or described is None:
+    loaded = _open(folder)
+    kernel_entries = loaded[1]["kernels"].get(kernel.name) if loaded is not None else None
+    entry_types = (
+        _matching_entry(description, kernel_entries["entries"]) if kernel_entries is not None else None
+    )
+    if loaded is None or kernel_entries is None or entry_types is None:
         return None
-    entry = known["entries"][described]
+    entry = kernel_entries["entries"][entry_types]
     try:
-        if code_key(kernel) != known["key"]:
+        if code_key(kernel) != kernel_entries["key"]:
             return None
-        code = opened[0][entry["start"] : entry["start"] + entry["size"]]
-        return load(code, entry["symbol"], entry["needs"], entry["returned"], c_types(described))
-    except Exception as error:  # numba's inner parts may change; numba itself can compile
+        code = loaded[0][entry["start"] : entry["start"] + entry["size"]]
+        return load(code, entry["symbol"], entry["needs"], entry["returned"], c_types(entry_types))
+    except Exception as error:  # internals of numba may change; numba can still compile
         _log.info("bokehnet: %s is left to numba: %s: %s", kernel.name, type(error).__name__, error)
         return None
 
 
-def _fitting(description: str, entries: Iterable[str]) -> str | None:
-    """Return the entry for these types, or one that takes arrays of any strides where these are contiguous.
+def _matching_entry(description: str, entries: Iterable[str]) -> str | None:
+    """Return the entry for these types, or one that accepts any strides where these arrays are contiguous.
 
-    A list of places that is empty or holds one is contiguous however it was made, one of many is not.
+    For example, a transposed list of positions is contiguous only if it has at most one element.
     """
     if description in entries:
         return description
     layouts = _LAYOUT.findall(description)
     for entry in entries:
-        accepted = _LAYOUT.findall(entry)
+        entry_layouts = _LAYOUT.findall(entry)
         if _LAYOUT.sub("", entry) == _LAYOUT.sub("", description) and all(
-            there in (here, "A") for here, there in zip(layouts, accepted, strict=True)
+            accepted_layout in (layout, "A")
+            for layout, accepted_layout in zip(layouts, entry_layouts, strict=True)
         ):
             return entry
     return None
@@ -136,7 +139,7 @@ def _fitting(description: str, entries: Iterable[str]) -> str | None:
 
 @functools.cache
 def _open(folder: Path) -> tuple[bytes, Manifest] | None:
-    """Return the library with its manifest, if both are undamaged and made for such a machine."""
+    """Return the library and its manifest, or None if they are damaged or for another kind of machine."""
     try:
         manifest: Manifest = json.loads((folder / "kernels.json").read_text("utf-8"))
         library = (folder / "kernels.bin").read_bytes()
@@ -152,11 +155,11 @@ def _open(folder: Path) -> tuple[bytes, Manifest] | None:
 
 
 def _processor_fits(processor: str) -> bool:
-    """Return whether this processor has the instructions of a class."""
-    needed = CLASS_FEATURES.get(processor)
-    if not needed:
-        return needed is not None
+    """Return whether this processor supports the instructions of a processor class."""
+    features_of_class = CLASS_FEATURES.get(processor)
+    if not features_of_class:
+        return features_of_class is not None
     from llvmlite import binding as llvm
 
     features = llvm.get_host_cpu_features()
-    return all(features.get(name, False) for name in needed)
+    return all(features.get(name, False) for name in features_of_class)

@@ -1,4 +1,4 @@
-"""Machine code in memory: LLVM's loader with numba's run-time functions, and calls of what it has loaded."""
+"""Loader of machine code: LLVM with the run-time functions of numba, and calls of the loaded code."""
 
 import ctypes
 import functools
@@ -14,17 +14,17 @@ __all__ = ["CLASS_FEATURES", "MachineCode", "load", "processor_class", "system"]
 
 MachineCode = Callable[[list[Any]], Any]
 
-# LLVM's names of the instructions that machine code may use, by class of processors.
+# Instruction sets (LLVM names) that machine code may use, by processor class.
 CLASS_FEATURES = {
     "x86-64-v3": ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"),
     "generic": (),
 }
 
-_OK = (0, -2)  # statuses of a kernel that has ended well; -2: it returns None
+_OK = (0, -2)  # return statuses without an error; -2: the kernel returns None
 
 
 class _Exception(ctypes.Structure):
-    """What a kernel that raises leaves behind: the pickled exception, unless it was made while running."""
+    """Exception of a kernel: pickled, unless it was created at run time (``dynamic``)."""
 
     _fields_ = (
         ("data", ctypes.c_void_p),
@@ -36,35 +36,35 @@ class _Exception(ctypes.Structure):
 
 
 def system() -> str:
-    """Return the operating system and the kind of processor, such as ``linux-x86_64-64``."""
+    """Return the operating system and the architecture, such as ``linux-x86_64-64``."""
     bits = 8 * ctypes.sizeof(ctypes.c_void_p)
     return f"{sys.platform}-{platform.machine().lower()}-{bits}"
 
 
 def processor_class() -> str:
-    """Return the class of processors that machine code is made for on this kind of machine."""
+    """Return the processor class for which machine code is compiled on this architecture."""
     return "x86-64-v3" if platform.machine().lower() in ("x86_64", "amd64") else "generic"
 
 
 def load(code: bytes, symbol: str, needs: Iterable[str], returned: str, arguments: list[Any]) -> MachineCode:
-    """Load one kernel; return a function of its flat list of arguments.
+    """Load one kernel; return a function of its flat argument list.
 
     Args:
-        code: Object file, as numba makes it.
-        symbol: Name of the kernel in it.
-        needs: Names that the object file expects to be defined.
-        returned: What the kernel returns, see :func:`bokehnet.precompiled.results.result_reader`.
-        arguments: ctypes of its flat arguments.
+        code: Object file from numba.
+        symbol: Name of the kernel in the object file.
+        needs: Symbols that the object file imports.
+        returned: Description of the result, see :func:`bokehnet.precompiled.results.result_reader`.
+        arguments: ctypes of the flat arguments.
 
     Raises:
-        LookupError: This numba does not define one of the names.
+        LookupError: The installed numba does not define a symbol.
     """
     from llvmlite import binding as llvm
 
     release = _runtime()
     machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    for name in needs:  # LLVM would end the process at one that is missing
+    for name in needs:  # LLVM ends the process if a symbol is missing
         if not llvm.address_of_symbol(name):
             raise LookupError(f"expected numba to define {name}")
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -73,7 +73,7 @@ def load(code: bytes, symbol: str, needs: Iterable[str], returned: str, argument
     function = kind(engine.get_function_address(symbol))
     make_result, read_result = result_reader(returned, release)
 
-    def call(flat: list[Any], engine: Any = engine) -> Any:  # which is kept as long as the function
+    def call(flat: list[Any], engine: Any = engine) -> Any:  # keeps the engine alive as long as the function
         result, exception = make_result(), ctypes.POINTER(_Exception)()
         status = function(ctypes.addressof(result), ctypes.addressof(exception), *flat)
         if status not in _OK:
@@ -85,9 +85,9 @@ def load(code: bytes, symbol: str, needs: Iterable[str], returned: str, argument
 
 @functools.cache
 def _runtime() -> Callable[[int], None]:
-    """Define the names that machine code expects; return the function that takes an array's owner back.
+    """Define the symbols that machine code imports; return the function that releases the owner of an array.
 
-    numba does the same before it compiles for the first time, together with much that only compiling needs.
+    numba does the same before its first compilation, together with much that only the compiler needs.
     """
     from llvmlite import binding as llvm
     from numba.core.base import _load_global_helpers
@@ -109,9 +109,9 @@ def _runtime() -> Callable[[int], None]:
 
 
 def _raise(name: str, status: int, exception: Any) -> None:
-    """Raise what a kernel has raised, as numba would."""
+    """Raise the exception of a kernel, as numba does."""
     if status >= 1 and exception and not exception.contents.dynamic:
         raised = exception.contents
-        kind, arguments, _ = pickle.loads(ctypes.string_at(raised.data, raised.size))  # of our own library
+        kind, arguments, _ = pickle.loads(ctypes.string_at(raised.data, raised.size))  # from our own library
         raise kind(*(arguments or ()))
     raise RuntimeError(f"{name}: the kernel failed with status {status}")

@@ -1,4 +1,4 @@
-"""What kernels return: nothing, a number, several numbers, or an array that they have made."""
+"""Results of kernels: nothing, a number, a tuple of numbers, or a new array."""
 
 import ctypes
 from collections.abc import Callable
@@ -10,11 +10,11 @@ from bokehnet.precompiled.arguments import SCALARS, c_types
 
 __all__ = ["result_reader"]
 
-_OWNER, _DATA = 0, 4  # among the numbers of an array
+_OWNER, _DATA = 0, 4  # indices in the flat description of an array
 
 
 class _Memory:
-    """Memory of an array that a kernel has made; it goes back when nobody holds the array any more."""
+    """Memory of an array that a kernel has allocated; released with the last reference to the array."""
 
     def __init__(self, owner: int, release: Callable[[int], None], interface: dict[str, Any]) -> None:
         self._owner, self._release = owner, release
@@ -27,11 +27,12 @@ class _Memory:
 def result_reader(
     returned: str, release: Any
 ) -> tuple[type[ctypes.Structure], Callable[[ctypes.Structure], Any]]:
-    """The structure that a kernel writes its result to, and what reads it.
+    """Return the structure to which a kernel writes its result, and a function that reads it.
 
     Args:
-        returned: "" for nothing, ``i8`` for a number, ``i8,f8,`` for a tuple, ``f4[2C]`` for an array.
-        release: Function of the library that takes an array's owner back.
+        returned: Type of the result: "" for nothing, ``i8`` for a number, ``i8,f8,`` for a tuple, ``f4[2C]``
+            for an array.
+        release: Run-time function of numba that releases the owner of an array.
     """
     words = [word for word in returned.split(",") if word]
     kinds = c_types(f"({returned})") if "[" in returned else [SCALARS[word] for word in words]

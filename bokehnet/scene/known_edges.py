@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bokehnet.checks import check_finite, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
-from bokehnet.depth_repair.stages.edge_sharpening import extremes
+from bokehnet.depth_repair.stages.edge_sharpening import local_extremes
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.exr.deep import FlatPixels, two_surfaces
 from bokehnet.io.exr.header import is_exr
@@ -171,7 +171,7 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
         >>> known.columns.tolist(), known.coverage.tolist(), known.near[0].round(2), known.far[0].round(2)
         ([2], [0.25], np.float32(0.9), np.float32(0.1))
     """
-    low, high = extremes(matte, _MAX_EDGE_OFFSET_PX)
+    low, high = local_extremes(matte, _MAX_EDGE_OFFSET_PX)
     y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
     near, spread = _nearest_mean(disparity, (low >= _MIN_FRONT, matte >= _MIN_FRONT), y, x)
     far, far_spread = _nearest_mean(disparity, (high <= _MAX_BACK, matte <= _MAX_BACK), y, x)

@@ -12,8 +12,8 @@ from bokehnet.checks import check_floats, check_light, check_map, check_same_siz
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
-from bokehnet.depth_repair.stages.repeated_pixels import unrepeated
+from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
+from bokehnet.depth_repair.stages.repeated_pixels import undo_pixel_repetition
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.frame import Frame, read_frame, without_origin
 from bokehnet.io.maps import resize_map
@@ -327,7 +327,7 @@ def map_at_picture_size(scene: Scene, settings: DepthSettings) -> npt.NDArray[np
         _check_upright(depth.values.shape, (height, width), kind)
     may_resize = settings.resize or depth.fits_any_size or depth.values.shape == (height, width)
     if is_repaired(scene, settings) and may_resize:
-        depth = replace(depth, values=unrepeated(depth.values))
+        depth = replace(depth, values=undo_pixel_repetition(depth.values))
     values = depth.values if is_exact(scene) else _unmixed(depth, settings)
     if values.shape != (height, width) and may_resize:
         smaller = values.shape[0] < height or values.shape[1] < width
@@ -401,6 +401,9 @@ def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32
     if settings.mixed == "off" or (settings.mixed == "auto" and depth.filtered is None):
         return depth.values
     filtered = depth.filtered or "disparity"
-    if settings.mixed == "auto" and share_of_mixed(depth.values, filtered=filtered) < _MIN_MIXED_FRACTION:
+    if (
+        settings.mixed == "auto"
+        and mixed_pixel_fraction(depth.values, filtered=filtered) < _MIN_MIXED_FRACTION
+    ):
         return depth.values
     return repair_mixed(depth.values, filtered=filtered)

@@ -8,8 +8,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.depth_repair.stages.edge_sharpening import STEP, extremes, repair_soft_edges, soft_edge_fraction
-from bokehnet.depth_repair.stages.weighted_median import settle_soft_steps
+from bokehnet.depth_repair.stages.edge_sharpening import (
+    MIN_EDGE_HEIGHT,
+    local_extremes,
+    repair_soft_edges,
+    soft_edge_fraction,
+)
+from bokehnet.depth_repair.stages.weighted_median import snap_blurred_edges
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
@@ -165,9 +170,9 @@ def _if_same_size(before: TemporalStatistics | None, values: Array) -> TemporalS
 def _sharpened(filtered: Array, picture: Array, span: float) -> Array:
     """Return the map with edges, softened by averaging, snapped to the picture's colour edges."""
     sharp = repair_soft_edges(filtered, span)
-    low, high = extremes(sharp, _EDGE_RADIUS_PX)
+    low, high = local_extremes(sharp, _EDGE_RADIUS_PX)
     light = np.asarray(srgb_to_linear(picture), np.float32)
-    return np.asarray(settle_soft_steps(light, sharp, high - low > STEP * span, span), np.float32)
+    return np.asarray(snap_blurred_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span), np.float32)
 
 
 def _light(picture: npt.NDArray[np.uint8]) -> Array:

@@ -12,12 +12,12 @@ from tools import release
 
 
 def test_every_file_tells_the_same_version():
-    assert len(set(release.told_versions().values())) == 1
-    assert release.check_versions() == release.told_versions()["bokehnet/version.py"]
+    assert len(set(release.stated_versions().values())) == 1
+    assert release.check_versions() == release.stated_versions()["bokehnet/version.py"]
 
 
 def test_a_version_that_disagrees_is_told(monkeypatch):
-    monkeypatch.setattr(release, "told_versions", lambda: {"a": "1.0", "b": "1.1"})
+    monkeypatch.setattr(release, "stated_versions", lambda: {"a": "1.0", "b": "1.1"})
     with pytest.raises(SystemExit, match=r"expected one version, found a 1\.0, b 1\.1"):
         release.check_versions()
 
@@ -46,13 +46,11 @@ def test_a_file_that_is_missing_is_told(tmp_path, monkeypatch):
         release.check_contents(empty, tmp_path / "none.whl")
 
 
-def test_networks_without_pins_are_told_and_can_be_an_error(tmp_path, monkeypatch):
+def test_networks_without_pins_are_listed_and_can_be_an_error(tmp_path, monkeypatch):
     assert "unidepth-v2-small" not in release.unpinned_models()  # nobody publishes it
     monkeypatch.setattr(release, "unpinned_models", lambda: ["depth-pro"])
     monkeypatch.setattr(sys, "argv", ["release", "--out", str(tmp_path), "--pinned"])
-    with pytest.raises(
-        SystemExit, match=r"expected pins, found none of depth-pro; run benchmarks\.pin_models"
-    ):
+    with pytest.raises(SystemExit, match=r"expected pins, found none of depth-pro; run tools\.pin_models"):
         release.main()
     assert not list(tmp_path.iterdir())
 

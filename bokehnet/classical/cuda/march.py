@@ -18,30 +18,30 @@ from bokehnet.classical.layered.march.ray_marching import SETS
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import cats_eye_shift
 
-cuda: Any = numba.cuda  # by this name numba's simulator of a device finds it
+cuda: Any = numba.cuda  # the device simulator of numba requires this name
 
-__all__ = ["CudaMarch", "why_no_rays"]
+__all__ = ["CudaMarch", "cuda_rays_unavailable_reason"]
 
-# Shapes of what a thread keeps for itself; numba wants them as constants.
+# Shapes of the local arrays of a thread; numba requires constants.
 _RUNS, _TOTALS, _LOOKS = (BINS // 2, 2), (GROUPS, PLAIN), (3, GROUP_RAYS)
 
-_THREADS = (8, 8)  # of a block: the pixels of a tile, which walk through the same runs
+_THREADS = (8, 8)  # threads per block: pixels of one tile, which share their runs of bins
 
 
-def why_no_rays() -> str | None:
-    """Why numba can use no CUDA device here, in a few words; None where it can."""
+def cuda_rays_unavailable_reason() -> str | None:
+    """Return the reason why numba cannot use a CUDA device, or None if it can."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = cuda.is_available()
-            return None if found else " ".join(str(cuda.cuda_error() or "no device").split())
+            is_available = cuda.is_available()
+            return None if is_available else " ".join(str(cuda.cuda_error() or "no device").split())
     except (cuda.CudaSupportError, OSError) as error:
         return " ".join(str(error).split())
 
 
 @cache
 def _kernel() -> Any:
-    """The kernel of one pixel a thread."""
+    """Return the CUDA kernel; one thread renders one pixel."""
     march_pixel = make_march(cuda.jit(device=True))
     shift = cuda.jit(device=True)(cats_eye_shift)
     runs_of = cuda.jit(device=True)(bin_runs.function)
@@ -58,7 +58,7 @@ def _kernel() -> Any:
         points,
         chances,
         weights,
-        where,
+        placement,
         first,
         before,
         counts,
@@ -80,7 +80,7 @@ def _kernel() -> Any:
         runs = cuda.local.array(_RUNS, float64)
         totals = cuda.local.array(_TOTALS, float32)
         looks = cuda.local.array(_LOOKS, float32)
-        cats_eye, left, top, width, height, seed, above, variants = where
+        cats_eye, left, top, width, height, seed, above, variants = placement
         count = runs_of(bits[row, column], bounds[0], bounds[1], runs)
         tiles = held, np.float32(bounds[0]), np.float32(1.0 / bounds[1])
         shift_x, shift_y = shift(cats_eye, x + left, first + y + above + top, width, height)
@@ -94,20 +94,20 @@ def _kernel() -> Any:
 
 
 class CudaMarch:
-    """Sends the rays of a picture on the device.
+    """Ray marching on the device, with its buffers.
 
-    Picture and cells are copied there once and stay until the host frees the cells, or until others come.
-    The means of the first rays stay until the other rays of the same pixels are sent.
+    Picture and cells are copied to the device once and remain until the host frees the cells or another
+    picture follows. The means of the first rays remain until the other rays of the same pixels are traced.
     """
 
     def __init__(self) -> None:
         self._cells: Callable[[], np.ndarray | None] = lambda: None
-        self._there: tuple[Any, ...] = ()
-        self._means: tuple[Any, Any] = (None, None)  # on the host and there
+        self._arrays: tuple[Any, ...] = ()
+        self._means: tuple[Any, Any] = (None, None)  # on the host and on the device
 
     def _release(self, _: Any = None) -> None:
-        """Free the picture's arrays on the device."""
-        self._there = ()
+        """Free the arrays of the picture on the device."""
+        self._arrays = ()
 
     def __call__(
         self,
@@ -129,13 +129,13 @@ class CudaMarch:
         counts: np.ndarray,
         sums: np.ndarray,
     ) -> None:
-        """Add rays ``before`` to ``counts`` of each pixel to its means, which begin at row ``first``.
+        """Add rays number ``before`` to ``counts`` of each pixel to its means, which begin at row ``first``.
 
-        With ``before`` 0 the means are taken to be zeros; else to be as the call before left them, if that
-        had the same ``sums``.
+        If ``before`` is 0, the means start at zero. Otherwise they continue from the previous call with the
+        same ``sums``.
 
         Raises:
-            ParameterError: A lens that does more than focus.
+            ParameterError: The lens has aberrations.
         """
         if lens is not None or outlines is not None:
             raise ParameterError(
@@ -144,25 +144,25 @@ class CudaMarch:
                 got="cuda",
                 remedy="use --device cpu, or auto, which does so",
             )
-        if self._cells() is not cells:  # a new picture: a march makes its own cells
+        if self._cells() is not cells:  # a new picture: each march allocates its cells
             self._release()
-            whole = (colors, cells, rays_mask, *bins[:3], points, chances, weights)
-            self._there = tuple(cuda.to_device(np.ascontiguousarray(array)) for array in whole)
+            host_arrays = (colors, cells, rays_mask, *bins[:3], points, chances, weights)
+            self._arrays = tuple(cuda.to_device(np.ascontiguousarray(array)) for array in host_arrays)
             self._cells = weakref.ref(cells, self._release)
-        there = self._there
-        where = (float(cats_eye), *Place(*place), seed, above, points.shape[1] // SETS)
+        arrays = self._arrays
+        placement = (float(cats_eye), *Place(*place), seed, above, points.shape[1] // SETS)
         if before == 0:
             means = cuda.device_array(sums.shape, sums.dtype)  # filled by the kernel
         else:
             means = self._means[1] if self._means[0] is sums else cuda.to_device(sums)
         blocks = -(-sums.shape[1] // _THREADS[0]), -(-sums.shape[0] // _THREADS[1])
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of pictures too small to fill the device
+            warnings.simplefilter("ignore")  # numba warns about pictures too small to fill the device
             _kernel()[blocks, _THREADS](
-                *there[:6],
+                *arrays[:6],
                 (bins.low, bins.thickness),
-                *there[6:],
-                where,
+                *arrays[6:],
+                placement,
                 first,
                 before,
                 cuda.to_device(counts),

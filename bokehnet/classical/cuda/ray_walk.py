@@ -1,8 +1,8 @@
-"""The rays of one pixel, one after the other, for compilers without vectors.
+"""Rays of one pixel, one at a time, for compilers without vectors.
 
-The same walk, sum by sum, as :mod:`bokehnet.classical.layered.march.intersection` and ``ray_marching`` do for
-eight rays at once, where it is explained. :func:`make_march` compiles it: with ``cuda.jit`` for a device,
-with numba's own decorator in tests.
+The algorithm and the order of all sums are those of :mod:`bokehnet.classical.layered.march.intersection` and
+``ray_marching``, which trace eight rays at once and document it. :func:`make_march` compiles it: with
+``cuda.jit`` for a device, with the ``njit`` of numba in tests.
 """
 
 import math
@@ -21,7 +21,7 @@ from bokehnet.classical.layered.march.ray_marching import SETS, scramble
 __all__ = ["GROUP_RAYS", "make_march"]
 
 GROUP_RAYS = 8
-"""Rays that look at a smooth surface together: if one of them finds no rest there, all of them walk."""
+"""Rays per group on a smooth surface: if the fixed-point iteration of one ray fails, all of them march."""
 
 _F = np.float32
 _THRESHOLD = _F(DISCONTINUITY_THRESHOLD)
@@ -31,18 +31,18 @@ _LARGE = _F(FILTERED_RADIUS**2)
 
 
 def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
-    """Compile what a pixel's rays bring.
+    """Compile the function that renders the rays of one pixel.
 
     Args:
-        jit: Decorates a function so that others may call it.
+        jit: Decorator that makes a function callable from other compiled functions.
 
     Returns:
         ``march_pixel(x, y, colors, cells, tiles, runs, count, smooth, points, chances, weights, pattern,
-        sums, totals, looks, before, sent)``: it adds the rays ``before`` to ``sent`` of the pixel to its
-        means ``sums`` (GROUPS, PLAIN). ``colors`` and ``cells`` as of the march; ``tiles`` are
-        ``(held, low, bins per pixel)``; ``runs`` (n, 2), of which ``count`` are filled; ``pattern`` tells
-        ``(variants, seed, above, cats_eye, shift_x, shift_y)``; ``totals`` and ``looks`` are room for sums
-        (GROUPS, PLAIN) and for row, column and defocus of eight looks, (3, GROUP_RAYS).
+        sums, totals, looks, before, sent)``: it adds the rays number ``before`` to ``sent`` of the
+        pixel to its means ``sums`` (GROUPS, PLAIN). ``colors`` and ``cells`` are those of the march;
+        ``tiles`` is ``(held, low, bins per pixel)``; ``runs`` is (n, 2), with ``count`` valid rows;
+        ``pattern`` is ``(variants, seed, above, cats_eye, shift_x, shift_y)``; ``totals`` and ``looks`` are
+        buffers for sums (GROUPS, PLAIN) and for row, column and defocus of eight iterates, (3, GROUP_RAYS).
     """
     hashed = jit(scramble.function)
 
@@ -62,28 +62,28 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
 
     @jit
     def holds(held: Any, row: Any, column: Any, first: Any, last: Any) -> Any:
-        """Whether a tile holds one of the bins ``first`` to ``last``."""
+        """Return whether a tile contains one of the bins ``first`` to ``last``."""
         row = min(max(row, 0), held.shape[0] - 1)
         column = min(max(column, 0), held.shape[1] - 1)
         low, high = int(clamp(first, _F(_LAST_BIN))), int(clamp(last, _F(_LAST_BIN)))
-        every = np.uint64(0xFFFFFFFFFFFFFFFF)
-        wanted = (every << np.uint64(low)) & (every >> np.uint64(_LAST_BIN - high))
-        return (held[row, column] & wanted) != np.uint64(0)
+        all_bins = np.uint64(0xFFFFFFFFFFFFFFFF)
+        mask = (all_bins << np.uint64(low)) & (all_bins >> np.uint64(_LAST_BIN - high))
+        return (held[row, column] & mask) != np.uint64(0)
 
     @jit
     def look(cells: Any, x: Any, y: Any, u: Any, v: Any, depth: Any) -> Any:
-        """The next look of a ray at a smooth surface: whether it moves on, row, column and defocus."""
+        """Iterate the intersection of a ray; return whether it still moves, row, column and defocus."""
         column = clamp(_F(math.floor(x + _HALF - u * depth)), _F(cells.shape[1] - 1))
         row = clamp(_F(math.floor(y + _HALF - v * depth)), _F(cells.shape[0] - 1))
-        found = cells[int(row), int(column), 0, 0]
-        moving = max(abs(u), abs(v)) * abs(found - depth) > CLOSE
-        return moving, int(row), int(column), found
+        surface_defocus = cells[int(row), int(column), 0, 0]
+        moving = max(abs(u), abs(v)) * abs(surface_defocus - depth) > CLOSE
+        return moving, int(row), int(column), surface_defocus
 
     @jit
     def walk(
         cells: Any, tiles: Any, runs: Any, count: Any, x: Any, y: Any, u: Any, v: Any, chance: Any
     ) -> Any:
-        """Row, column, layer (-1 for none) and defocus of what one ray meets first."""
+        """Return row, column, layer (-1 for none) and defocus of the first surface that a ray meets."""
         height, width, layers = cells.shape[0], cells.shape[1], cells.shape[2]
         held, low, scale = tiles
         last_x, last_y = _F(width - 1), _F(height - 1)
@@ -133,29 +133,29 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
                 column, row = x + column, y + row
                 entry, walking = start, True
                 while walking:
-                    gone = min(min(to_x, to_y), within)
-                    leave = start - gone
+                    advance = min(min(to_x, to_y), within)
+                    leave = start - advance
                     inside_x, inside_y = int(clamp(column, last_x)), int(clamp(row, last_y))
-                    under = _NEVER
+                    nearest_below = _NEVER
                     for layer in range(layers):
                         depth = cells[inside_y, inside_x, layer, 0]
                         cover = cells[inside_y, inside_x, layer, 1]
                         if depth < leave:
-                            under = max(under, depth)
+                            nearest_below = max(nearest_below, depth)
                             continue
-                        partly = cover > _ZERO and cover < _ONE
-                        if entry < depth and (partly or depth - below > _THRESHOLD):
+                        is_partial = cover > _ZERO and cover < _ONE
+                        if entry < depth and (is_partial or depth - below > _THRESHOLD):
                             continue
-                        if partly:
+                        if is_partial:
                             away_x = x + _HALF - u * depth - column - _HALF
                             away_y = y + _HALF - v * depth - row - _HALF
                             cover = max(coverage(cover, away_x, away_y), _ZERO)
                         if chance < cover:
                             return inside_y, inside_x, layer, depth
-                        if partly:
+                        if is_partial:
                             chance = min((chance - cover) / (_ONE - cover), BELOW_ONE)
-                    below, entry = under, leave
-                    walking = bool(gone < within)
+                    below, entry = nearest_below, leave
+                    walking = bool(advance < within)
                     if to_x < to_y:
                         column += step_x
                         to_x += gain_x
@@ -173,7 +173,7 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
 
     @jit
     def add(totals: Any, light: Any, depth: Any, weight: Any, unseen: Any) -> None:
-        """Add what a ray brings to the totals of its group."""
+        """Add the light and the weight of a ray to the totals of its group."""
         blur = depth * depth
         group = 1
         if depth > _ZERO:
@@ -213,34 +213,34 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
         sent: Any,
     ) -> None:
         variants, seed, above, cats_eye, shift_x, shift_y = pattern
-        drawn = hashed(column, line + above, seed)
-        chosen = int(drawn % np.uint64(variants)) * SETS + ((line + above) % 3) * 3 + column % 3
-        first_chance = _F(drawn / 4294967296.0)
+        random_bits = hashed(column, line + above, seed)
+        point_set = int(random_bits % np.uint64(variants)) * SETS + ((line + above) % 3) * 3 + column % 3
+        first_chance = _F(random_bits / 4294967296.0)
         x, y = _F(column), _F(line)
         right, bottom = _F(cells.shape[1]), _F(cells.shape[0])
         for group in range(totals.shape[0]):
             for c in range(PLAIN):
                 totals[group, c] = _ZERO
         for start in range(before, sent, GROUP_RAYS):
-            rested = False
+            has_converged = False
             if smooth:
                 for lane in range(GROUP_RAYS):
                     looks[2, lane] = cells[line, column, 0, 0]
                 for _ in range(LOOKS):
-                    rested = True
+                    has_converged = True
                     for lane in range(GROUP_RAYS):
                         k = start + lane
-                        u, v = points[0, chosen, k], points[1, chosen, k]
-                        moving, row, place, found = look(cells, x, y, u, v, looks[2, lane])
-                        looks[0, lane], looks[1, lane], looks[2, lane] = _F(row), _F(place), found
+                        u, v = points[0, point_set, k], points[1, point_set, k]
+                        moving, row, place, surface_defocus = look(cells, x, y, u, v, looks[2, lane])
+                        looks[0, lane], looks[1, lane], looks[2, lane] = _F(row), _F(place), surface_defocus
                         if moving:
-                            rested = False
-                    if rested:
+                            has_converged = False
+                    if has_converged:
                         break
             for lane in range(GROUP_RAYS):
                 k = start + lane
-                u, v = points[0, chosen, k], points[1, chosen, k]
-                if rested:
+                u, v = points[0, point_set, k], points[1, point_set, k]
+                if has_converged:
                     row, place, layer, depth = int(looks[0, lane]), int(looks[1, lane]), 0, looks[2, lane]
                 else:
                     chance = first_chance + chances[k]
@@ -248,7 +248,7 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
                     row, place, layer, depth = walk(cells, tiles, runs, count, x, y, u, v, chance)
                 w = _ZERO
                 if layer >= 0:
-                    w = weights[0, chosen, k] if depth > _ZERO else weights[1, chosen, k]
+                    w = weights[0, point_set, k] if depth > _ZERO else weights[1, point_set, k]
                 if cats_eye > 0:
                     away_x, away_y = u - _F(shift_x), v - _F(shift_y)
                     if away_x * away_x + away_y * away_y > _ONE:
@@ -259,9 +259,9 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
                 if min(min(to_x, to_y), min(right - to_x, bottom - to_y)) < _ZERO:
                     unseen = w
                 add(totals, colors[row, place, layer], depth, w, unseen)
-        kept, added = _F(before / sent), _F(1.0 / sent)
+        old_weight, new_weight = _F(before / sent), _F(1.0 / sent)
         for group in range(totals.shape[0]):
             for c in range(PLAIN):
-                sums[group, c] = kept * sums[group, c] + added * totals[group, c]
+                sums[group, c] = old_weight * sums[group, c] + new_weight * totals[group, c]
 
     return march_pixel

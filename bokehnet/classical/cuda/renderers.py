@@ -1,4 +1,4 @@
-"""The classical renderers on a CUDA device, by name."""
+"""Classical renderers on a CUDA device, by name."""
 
 from functools import partial
 
@@ -12,10 +12,12 @@ __all__ = ["make_on_cuda"]
 
 
 def make_on_cuda(classical: str) -> ClassicalRenderer:
-    """Return the classical renderer of that name, ``rays`` or ``scatter``, on the CUDA device.
+    """Return the classical renderer ``rays`` or ``scatter`` on the CUDA device.
 
-    Rays run there as they do here, and so does the scatter; layers, means over windows and bright lights are
-    computed on the CPU.
+    The device traces the rays and scatters; the CPU computes layers, means over windows and bright lights.
+
+    Args:
+        classical: Name of the renderer.
     """
     if classical == "scatter":
         return partial(render_scatter, scattered=scatter_on("cuda"))

@@ -1,4 +1,4 @@
-"""The scatter as a torch operation, with gradients for the image and the defocus. Needs torch."""
+"""Scatter as a torch operation, with gradients for the image and the defocus."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ __all__ = ["scatter", "scatter_sums"]
 
 
 class _Scatter(torch.autograd.Function):
-    """Bind the NumPy kernels to autograd. Zero-copy, so CPU tensors only."""
+    """Autograd function of the NumPy kernels; without copies, for CPU tensors only."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, defocus: Tensor, operator: ScatterOperator) -> Tensor:
@@ -41,12 +41,12 @@ class _Scatter(torch.autograd.Function):
 
 @not_compiled  # Dynamo cannot trace a Numba dispatcher
 def scatter_sums(values: Tensor, defocus: Tensor, operator: ScatterOperator = pyramid_levels.DISC) -> Tensor:
-    """Scatter values over shapes and add up: ``bokehnet.classical.scatter.pyramid_levels`` on tensors.
+    """Return the sums of values scattered over shapes, by ``bokehnet.classical.scatter.pyramid_levels``.
 
     Args:
-        values: What each pixel spreads, (H, W, C) on the CPU, float32 or float64.
+        values: Values of the pixels, (H, W, C), on the CPU, float32 or float64.
         defocus: Signed blur radius in pixels, (H, W), of the same dtype.
-        operator: The shape.
+        operator: Shape of the blur; default: a disc.
 
     Returns:
         Sums (H, W, C), once differentiable in both tensors.
@@ -60,15 +60,15 @@ def scatter(image: Tensor, defocus: Tensor, aperture: Aperture | None = None) ->
     Args:
         image: Scene-linear colours, (H, W, C), float32 or float64, on the CPU or a CUDA device.
         defocus: Signed blur radius in pixels, (H, W), of the same dtype and device. Where its magnitude is
-            0.5 or less the picture does not depend on it, and the gradient is 0.
-        aperture: Shape of the lens opening; default a plain disc.
+            0.5 or less, the result does not depend on it and the gradient is 0.
+        aperture: Shape of the aperture; default: a disc.
 
     Returns:
         Picture (H, W, C).
 
     Raises:
-        ShapeError: The sizes do not fit.
-        ParameterError: The dtypes are others.
+        ShapeError: The sizes differ.
+        ParameterError: The dtypes differ or are not supported.
     """
     check_rank("image", image, 3, "(H, W, C)")
     check_rank("defocus", defocus, 2, "(H, W)")

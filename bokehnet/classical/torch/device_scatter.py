@@ -1,4 +1,4 @@
-"""The scatter of arrays on a device of torch: NumPy in and out. Needs torch."""
+"""Scatter of NumPy arrays on a torch device."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,11 +11,11 @@ from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["scatter_on", "why_no_cuda"]
+__all__ = ["cuda_unavailable_reason", "scatter_on"]
 
 
-def why_no_cuda() -> str | None:
-    """Why torch can use no CUDA device here, in a few words; None where it can."""
+def cuda_unavailable_reason() -> str | None:
+    """Return the reason why torch cannot use a CUDA device, or None if it can."""
     if torch.version.cuda is None and torch.version.hip is None:
         return f"a torch without CUDA, {torch.__version__}"
     try:
@@ -26,10 +26,10 @@ def why_no_cuda() -> str | None:
 
 
 def scatter_on(device: str) -> Callable[..., Any]:
-    """Return what :func:`bokehnet.classical.scatter_renderer.scatter` is, computed on a device of torch.
+    """Return :func:`bokehnet.classical.scatter_renderer.scatter` for a torch device.
 
     Args:
-        device: Such as ``cuda``. On ``cpu`` it computes by the same operations, slowly: for tests.
+        device: Device, such as ``cuda``. ``cpu`` runs the same operations, slowly, for tests.
 
     Examples:
         >>> picture = np.random.default_rng(0).random((9, 12, 3), np.float32)
@@ -43,13 +43,13 @@ def scatter_on(device: str) -> Callable[..., Any]:
     ) -> np.ndarray:
         light, radii = check_inputs(image, defocus)
         with torch.no_grad():
-            there = torch.from_numpy(light).to(device)
-            blur = torch.from_numpy(radii).to(there).clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
-            values = torch.cat([there, torch.ones_like(there[..., :1])], -1)
+            picture = torch.from_numpy(light).to(device)
+            blur = torch.from_numpy(radii).to(picture).clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
+            values = torch.cat([picture, torch.ones_like(picture[..., :1])], -1)
             sums = scatter_sums(values, blur, aperture, place)
             weight = sums[..., -1:]
             lit = weight > 0
-            bokeh = torch.where(lit, sums[..., :-1] / torch.where(lit, weight, 1.0), there)
+            bokeh = torch.where(lit, sums[..., :-1] / torch.where(lit, weight, 1.0), picture)
         return bokeh.cpu().numpy()
 
     return scatter

@@ -1,4 +1,4 @@
-"""Functions that a compiler of torch programs is to leave as they are."""
+"""Decorator that excludes functions from ``torch.compile``."""
 
 import functools
 from collections.abc import Callable
@@ -13,7 +13,9 @@ Result = TypeVar("Result")
 
 
 def not_compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorate as ``torch.compiler.disable`` does, which is imported (a second) by compiled programs alone.
+    """Return a function that ``torch.compile`` does not trace, like ``torch.compiler.disable``.
+
+    Importing ``torch.compiler.disable`` takes a second; only compiled programs import it.
 
     Examples:
         >>> @not_compiled

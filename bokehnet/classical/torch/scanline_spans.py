@@ -1,4 +1,4 @@
-"""Which spans the pixels of a picture light, as tensors, a few million at a time. Needs torch."""
+"""Spans that the pixels of a picture illuminate, as tensors in batches of about two million."""
 
 from collections.abc import Iterator
 from functools import lru_cache
@@ -24,22 +24,22 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["Batch", "Sources", "find_sources", "list_batches"]
 
-# Spans worked at once; each needs about 200 bytes.
-_AT_ONCE = 1 << 21
+# Approximate number of spans per batch; a span needs about 200 bytes.
+_SPANS_PER_BATCH = 1 << 21
 
-# Steps of the discs beyond the radius table that are listed at once.
-_FAR_AT_ONCE = 256
+# Number of radii beyond the radius table that are listed at once.
+_FAR_RADII_PER_BATCH = 256
 
 
 class Sources(NamedTuple):
     """Pixels that share a table of spans.
 
     Attributes:
-        spans: The table, as tensors.
+        spans: Table as tensors.
         pixels: Index of each pixel in the flat picture, (n,), int64.
-        shapes: Its shape in the table, (n,).
-        along: Its radius minus that of the shape, pixels, (n,).
-        clip: How the second pupil clips it, where there is one.
+        shapes: Index of its shape in the table, (n,).
+        along: Radius of the pixel minus that of the shape, pixels, (n,).
+        clip: Second pupil as seen from the pixels; None without a cat's-eye.
     """
 
     spans: Any
@@ -53,13 +53,13 @@ class Batch(NamedTuple):
     """Spans of some sources.
 
     Attributes:
-        sources: Which ones.
-        owner: Source of each span, counted from the first of them, (m,).
-        left: Index of its left end in the flat rows, (m,). A row has one pixel more than the picture, and
-            there is one row more above and below.
-        right: The same for its right end.
-        part: Part of the light on each pixel, (m,).
-        slope: Its derivative by the radius, (m,).
+        sources: Range of the sources.
+        owner: Source of each span, relative to the first source, (m,).
+        left: Index of the left end of each span in the flat rows, (m,). Rows have one additional pixel, and
+            there is one additional row above and below.
+        right: The same for the right end, (m,).
+        part: Fraction of the source's light on each pixel, (m,).
+        slope: Derivative of ``part`` by the radius, (m,).
     """
 
     sources: slice
@@ -71,7 +71,7 @@ class Batch(NamedTuple):
 
 
 def _to_device(spans: Spans, like: Tensor) -> Any:
-    """A table of spans as tensors: places as they are, parts in the dtype of ``like``."""
+    """Return a table of spans as tensors: integer positions, and fractions in the dtype of ``like``."""
     places = [torch.from_numpy(column).to(like.device) for column in spans[:4]]
     parts = [torch.from_numpy(column).to(like) for column in spans[4:]]
     return Spans._make([*places, *parts])  # type: ignore[arg-type]
@@ -81,19 +81,19 @@ def _to_device(spans: Spans, like: Tensor) -> Any:
 def _radius_table_tensors(
     aperture: Aperture | None, reach: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[RadiusTable, Any, Tensor]:
-    """A radius table, and its spans and radii as tensors."""
-    ladder = make_radius_table(aperture, reach)
-    spans = _to_device(ladder.spans, torch.empty(0, dtype=dtype, device=device))
-    return ladder, spans, torch.from_numpy(ladder.radii).to(device)
+    """Return a radius table, and its spans and radii as tensors."""
+    table = make_radius_table(aperture, reach)
+    spans = _to_device(table.spans, torch.empty(0, dtype=dtype, device=device))
+    return table, spans, torch.from_numpy(table.radii).to(device)
 
 
 def find_sources(defocus: Tensor, aperture: Aperture | None, view: View | None) -> Iterator[Sources]:
-    """Find all pixels that are not sharp, by the table that holds their shapes.
+    """Yield all blurred pixels, grouped by the table that contains their shapes.
 
     Args:
-        defocus: Signed radii in pixels, (H, W); no shape but a disc may be beyond the radius table.
-        aperture: The opening; None for a disc.
-        view: Where this grid lies in the full-size picture; None where there is no cat's-eye.
+        defocus: Signed blur radius in pixels, (H, W); only discs may exceed the radius table.
+        aperture: Shape of the aperture; None for a disc.
+        view: Position of this grid in the full-size picture; None without a cat's-eye.
     """
     height, width = defocus.shape
     signed = defocus.detach().flatten().double().clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
@@ -102,46 +102,50 @@ def find_sources(defocus: Tensor, aperture: Aperture | None, view: View | None) 
     if largest <= SMALLEST_RADIUS:
         return
     reach = radius_table_limit(aperture, largest)
-    ladder, spans, radii = _radius_table_tensors(aperture, reach, defocus.dtype, defocus.device)
-    pixels = ((radius > SMALLEST_RADIUS) & (radius < ladder.limit)).nonzero().flatten()
+    table, spans, radii = _radius_table_tensors(aperture, reach, defocus.dtype, defocus.device)
+    pixels = ((radius > SMALLEST_RADIUS) & (radius < table.limit)).nonzero().flatten()
     shapes = torch.searchsorted(radii, radius[pixels], right=True) - 1
     along = radius[pixels] - radii[shapes]
     clip = None
     if view is not None:
         clip = make_clip(view, pixels % width, pixels // width, signed[pixels])
         clip = Clip(*(column.to(defocus.dtype) for column in clip))
-    if ladder.two_sided:
+    if table.two_sided:
         shapes = shapes + len(radii) * (signed[pixels] < 0)
     yield Sources(spans, pixels, shapes, along.to(defocus.dtype), clip)
-    if largest < ladder.limit:
+    if largest < table.limit:
         return
-    far = (radius >= ladder.limit).nonzero().flatten()
-    steps = torch.floor(FAR_STEPS * torch.log2(radius[far] / ladder.limit)).long()
+    far = (radius >= table.limit).nonzero().flatten()
+    steps = torch.floor(FAR_STEPS * torch.log2(radius[far] / table.limit)).long()
     along = (radius[far] - far_radius(steps)).to(defocus.dtype)
     distinct, shapes = torch.unique(steps, return_inverse=True)
-    for begin in range(0, len(distinct), _FAR_AT_ONCE):
-        listed = list_far_discs(distinct[begin : begin + _FAR_AT_ONCE].cpu().numpy(), height, width)
-        some = ((shapes >= begin) & (shapes < begin + _FAR_AT_ONCE)).nonzero().flatten()
-        yield Sources(_to_device(listed, defocus), far[some], shapes[some] - begin, along[some], None)
+    for begin in range(0, len(distinct), _FAR_RADII_PER_BATCH):
+        far_spans = list_far_discs(
+            distinct[begin : begin + _FAR_RADII_PER_BATCH].cpu().numpy(), height, width
+        )
+        selected = ((shapes >= begin) & (shapes < begin + _FAR_RADII_PER_BATCH)).nonzero().flatten()
+        yield Sources(
+            _to_device(far_spans, defocus), far[selected], shapes[selected] - begin, along[selected], None
+        )
 
 
 def _cut(counts: Tensor) -> tuple[list[int], list[int]]:
-    """Cut n sources into runs of about ``_AT_ONCE`` spans: first source and first span of each; the ends."""
-    behind = counts.cumsum(0)
-    total = int(behind[-1])
-    marks = _AT_ONCE * torch.arange(1, -(-total // _AT_ONCE), device=counts.device)
-    cuts = torch.searchsorted(behind, marks, right=True)
-    sources, spans = torch.stack([cuts, (behind - counts)[cuts]]).tolist()
+    """Return bounds of sources and of spans for batches of about ``_SPANS_PER_BATCH`` spans."""
+    ends = counts.cumsum(0)
+    total = int(ends[-1])
+    marks = _SPANS_PER_BATCH * torch.arange(1, -(-total // _SPANS_PER_BATCH), device=counts.device)
+    cuts = torch.searchsorted(ends, marks, right=True)
+    sources, spans = torch.stack([cuts, (ends - counts)[cuts]]).tolist()
     return [0, *sources, len(counts)], [0, *spans, total]
 
 
 def list_batches(sources: Sources, height: int, width: int) -> Iterator[Batch]:
-    """List the sources' spans in batches of limited size, in the pixels' order.
+    """Yield the spans of sources in batches of limited size, in the order of pixels.
 
     Args:
-        sources: From :func:`find_sources`.
-        height: Of the picture.
-        width: Likewise.
+        sources: Sources from :func:`find_sources`.
+        height: Height of the picture, pixels.
+        width: Width of the picture, pixels.
     """
     if len(sources.pixels) == 0:
         return
@@ -154,7 +158,7 @@ def list_batches(sources: Sources, height: int, width: int) -> Iterator[Batch]:
     counts = counts.int()
     for n in range(len(cut_sources) - 1):
         (begin, end), (first, last) = cut_sources[n : n + 2], cut_spans[n : n + 2]
-        if begin == end:  # one source alone filled the batch before
+        if begin == end:  # a single source filled the previous batch
             continue
         owner = torch.repeat_interleave(counts[begin:end], output_size=last - first)
         entry = torch.arange(last - first, dtype=torch.int32, device=owner.device)

@@ -1,17 +1,15 @@
-"""Scatter every pixel over its shape with torch operations, on any device: one size, no shortcuts.
+"""Scatter of every pixel over its shape with torch operations on any device, at one size and exactly.
 
-As in :mod:`bokehnet.classical.scatter.disc_scatter` only the two ends of each span of a shape are written, as
-differences along the row, and one running sum per row fills the insides; the adjoint reads, at the same
-places, running sums of the gradient. The work is the number of spans, O(r) for a disc, done by a few
-operations on a million or so of them at a time.
+As in :mod:`bokehnet.classical.scatter.disc_scatter`, only the two ends of each span are written, as
+differences along the row, and one running sum per row fills the interiors. The adjoint reads running sums of
+the gradient at the same positions. The cost is the number of spans, O(r) for a disc, in a few operations on
+about a million spans each.
 
-Differences and sums are whole numbers, multiples of 2^-57 of a channel's largest value. What is added at a
-span's left end is taken off again at its right one to the last bit: beyond a bright disc nothing at all is
-left of it, however long the row. Whole numbers also make the order of the additions indifferent, so that a
-device that adds them in any order still gives the same bits every time; and no float64 arithmetic is needed
-per span, of which most graphics cards have little. For that each channel is limited to a range of 10^17.
-
-Needs torch.
+Differences and sums are integers, multiples of 2^-57 of the largest value of a channel. The amount added at
+the left end of a span is subtracted exactly at its right end, so that a bright disc leaves no residue in its
+row. Integer sums do not depend on the order of the additions, so that results are bit-identical on devices
+that add in any order. They also need no float64 arithmetic per span, which is slow on most graphics cards. In
+return the range of each channel is limited to 10^17.
 
 Source: Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time
 rectangle spreading", Graphics Interface 2009, for spreading by differences.
@@ -32,28 +30,28 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["scatter_level"]
 
-# Whole numbers per largest value. Sums stay below 2^63 of them: were the radius of each pixel the one that
-# lights a given pixel most, it would get 1 + sum 1 / (pi d^2) over all distances d, 21 times the largest
-# value in a picture of 10^4 pixels a side.
-_FINE = 2.0**57
+# Integer units per largest value. Sums stay below 2^63 units: if the radius of each pixel were the one that
+# illuminates a given pixel most, this pixel would receive 1 + sum 1 / (pi d^2) over all distances d, 21 times
+# the largest value in a picture with sides of 10^4 pixels.
+_UNITS = 2.0**57
 
-# The same for gradients. The parts of a shape sum to one; their derivatives by the radius, all taken as
-# positive, to less than 16 per pixel.
-_FINE_VALUE, _FINE_SLOPE = 2.0**60, 2.0**56
+# The same for gradients. The fractions of a shape sum to 1; the absolute values of their derivatives by the
+# radius sum to less than 16 per pixel.
+_VALUE_UNITS, _SLOPE_UNITS = 2.0**60, 2.0**56
 
 
-def _whole(numbers: Tensor) -> Tensor:
-    """The nearest whole numbers; overwrites its argument."""
+def _to_integers(numbers: Tensor) -> Tensor:
+    """Return the nearest integers; overwrites its argument."""
     return numbers.round_().long()
 
 
-def _sharp(defocus: Tensor) -> Tensor:
-    """Where a pixel keeps what it has, (H, W, 1)."""
+def _is_sharp(defocus: Tensor) -> Tensor:
+    """Return the pixels that are not blurred, (H, W, 1), bool."""
     return defocus.abs()[..., None] <= SMALLEST_RADIUS
 
 
 def _largest(numbers: Tensor) -> Tensor:
-    """Largest magnitude of each channel, (C,); 1 for a channel of zeros."""
+    """Return the largest magnitude of each channel, (C,); 1 for a channel of zeros."""
     largest = numbers.abs().amax(dim=(0, 1))
     return largest.where(largest != 0, 1.0)
 
@@ -61,7 +59,7 @@ def _largest(numbers: Tensor) -> Tensor:
 def _rows(table: Tensor, index: Tensor) -> Tensor:
     """Return rows of ``table`` (n, C) by ``index`` (m,), gathered channel by channel, (m, C).
 
-    On CUDA devices torch gathers single numbers far faster than rows of a few.
+    On CUDA devices torch gathers single numbers far faster than short rows.
     """
     return torch.stack([column.index_select(0, index) for column in table.unbind(1)], 1)
 
@@ -74,30 +72,30 @@ def _scatter(values: Tensor, defocus: Tensor, aperture: Aperture | None, view: V
     rows = torch.zeros(((height + 2) * (width + 1), channels), dtype=torch.int64, device=values.device)
     for sources in find_sources(defocus.where(lit, 0.0), aperture, view):
         for batch in list_batches(sources, height, width):
-            own = _rows(_rows(unit, sources.pixels[batch.sources]), batch.owner)
-            light = _whole(own.mul_((batch.part * _FINE)[:, None]))
+            source_light = _rows(_rows(unit, sources.pixels[batch.sources]), batch.owner)
+            light = _to_integers(source_light.mul_((batch.part * _UNITS)[:, None]))
             rows.index_add_(0, batch.left, light)
             rows.index_add_(0, batch.right, light, alpha=-1)
     rows = rows.view(height + 2, width + 1, channels)[1:-1].movedim(2, 0).contiguous().cumsum_(-1)
-    sums = rows[..., :width].movedim(0, 2).to(values.dtype).div_(_FINE).mul_(largest).contiguous()
-    return sums.add_(values.where(_sharp(defocus), 0.0))
+    sums = rows[..., :width].movedim(0, 2).to(values.dtype).div_(_UNITS).mul_(largest).contiguous()
+    return sums.add_(values.where(_is_sharp(defocus), 0.0))
 
 
 def _gather(
     values: Tensor, defocus: Tensor, aperture: Aperture | None, view: View | None, grad_sums: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Adjoint of :func:`_scatter`."""
+    """Return the gradients of :func:`_scatter` for values and defocus (adjoint)."""
     height, width, channels = values.shape
     largest, steepest = _largest(values), _largest(grad_sums)
     light = largest.double() * steepest.double()
     bound = light.sum()
     unit = (values / largest * (light / bound).to(values.dtype)).view(-1, channels)
-    grad_values = grad_sums.where(_sharp(defocus), 0.0).view(-1, channels)
+    grad_values = grad_sums.where(_is_sharp(defocus), 0.0).view(-1, channels)
     grad_defocus = torch.zeros_like(defocus).view(-1)
-    # Sums of all pixels before each one, with rows of zeros above and below.
-    fine = 2.0 ** (62 - width.bit_length())
+    # Exclusive running sums along rows, with rows of zeros above and below.
+    units = 2.0 ** (62 - width.bit_length())
     sums = torch.zeros((height + 2, width + 1, channels), dtype=torch.int64, device=values.device)
-    scaled = _whole((grad_sums / steepest).movedim(2, 0).contiguous().mul_(fine))
+    scaled = _to_integers((grad_sums / steepest).movedim(2, 0).contiguous().mul_(units))
     sums[1:-1, 1:] = scaled.cumsum_(-1).movedim(0, 2)
     sums = sums.view(-1, channels)
     for sources in find_sources(defocus, aperture, view):
@@ -105,21 +103,21 @@ def _gather(
         slopes = torch.zeros(len(sources.pixels), dtype=torch.int64, device=values.device)
         for batch in list_batches(sources, height, width):
             inside = _rows(sums, batch.right).sub_(_rows(sums, batch.left))
-            inside = inside.to(values.dtype).div_(fine)
-            own = _rows(_rows(unit, sources.pixels[batch.sources]), batch.owner)
-            change = own.mul_(inside).sum(-1).mul_(batch.slope).mul_(_FINE_SLOPE)
-            slopes[batch.sources].index_add_(0, batch.owner, _whole(change))
-            light = _whole(inside.mul_((batch.part * _FINE_VALUE)[:, None]))
+            inside = inside.to(values.dtype).div_(units)
+            source_light = _rows(_rows(unit, sources.pixels[batch.sources]), batch.owner)
+            change = source_light.mul_(inside).sum(-1).mul_(batch.slope).mul_(_SLOPE_UNITS)
+            slopes[batch.sources].index_add_(0, batch.owner, _to_integers(change))
+            light = _to_integers(inside.mul_((batch.part * _VALUE_UNITS)[:, None]))
             gathered[batch.sources].index_add_(0, batch.owner, light)
-        grad_values[sources.pixels] = gathered.to(values.dtype).div_(_FINE_VALUE).mul_(steepest)
-        grad_defocus[sources.pixels] = slopes.to(values.dtype).div_(_FINE_SLOPE).mul_(bound.to(values.dtype))
-    free = defocus.abs() <= LARGEST_RADIUS
-    grad_defocus = (grad_defocus.view(height, width) * defocus.sign()).where(free, 0.0)
+        grad_values[sources.pixels] = gathered.to(values.dtype).div_(_VALUE_UNITS).mul_(steepest)
+        grad_defocus[sources.pixels] = slopes.to(values.dtype).div_(_SLOPE_UNITS).mul_(bound.to(values.dtype))
+    is_in_range = defocus.abs() <= LARGEST_RADIUS
+    grad_defocus = (grad_defocus.view(height, width) * defocus.sign()).where(is_in_range, 0.0)
     return grad_values.view(height, width, channels), grad_defocus
 
 
 class _ScatterLevel(torch.autograd.Function):
-    """The two as one operation."""
+    """Autograd function of :func:`_scatter` and :func:`_gather`."""
 
     @staticmethod
     def forward(
@@ -140,20 +138,19 @@ class _ScatterLevel(torch.autograd.Function):
 def scatter_level(
     values: Tensor, defocus: Tensor, aperture: Aperture | None = None, view: View | None = None
 ) -> Tensor:
-    """Scatter every pixel over its shape and add up; linear in ``values``.
+    """Return the sums of all pixels scattered over their shapes; linear in ``values``.
 
     Args:
-        values: What each pixel spreads, (H, W, C), float32 or float64, on any device with int64 and
-            float64; a channel of ones gives the weights to divide by. A pixel of zeros costs nothing.
-        defocus: Signed blur radius in pixels, (H, W), of the same dtype and device. Up to 1/2 a pixel
-            keeps what it has. Shapes other than discs go up to ``LARGEST_TABLE``.
-        aperture: The opening; None for a disc.
-        view: Where this grid lies in the full-size picture, which the cat's-eye needs; without it there
-            is none.
+        values: Values of the pixels, (H, W, C), float32 or float64, on any device with int64 and float64; a
+            channel of ones returns the weights for normalisation. Pixels of zeros are skipped.
+        defocus: Signed blur radius in pixels, (H, W), of the same dtype and device. Pixels with at
+            most 1/2 are not blurred. Shapes other than discs are limited to ``LARGEST_TABLE``.
+        aperture: Shape of the aperture; None for a disc.
+        view: Position of this grid in the full-size picture; None without a cat's-eye.
 
     Returns:
         Sums (H, W, C), once differentiable in both tensors. The gradient for the defocus is 0 where its
-        magnitude is up to 1/2 or above ``LARGEST_RADIUS``. NaN or infinity in a channel of the values
-        makes all of that channel NaN.
+        magnitude is at most 1/2 or above ``LARGEST_RADIUS``. NaN or infinity in a channel of the values makes
+        the whole channel NaN.
     """
     return _ScatterLevel.apply(values.contiguous(), defocus.contiguous(), aperture, view)

@@ -1,4 +1,6 @@
 """Stages of the depth repair, one a file: noise, soft edges, blur, mixed pixels, thin structures.
 
-Each takes a map (H, W), most take the picture too, and returns a map of the same size and unit.
+In: a map (H, W) and, for most stages, the picture, scene-linear (H, W, 3). Out: a map of the same size and
+    unit.
+Each module docstring names the published method.
 """

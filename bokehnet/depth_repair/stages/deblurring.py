@@ -1,14 +1,17 @@
-"""Soft maps told by what they must have been: a repaired map, blurred as the given one is, is the given one.
+"""Deblurring of soft maps: restore detail, such as wires, that blur has reduced to low ridges.
 
-Many maps are true ones blurred: by the network that made them, by enlargement, by compression. Where a
-repaired map does not give the given one again when it is blurred, it is wrong: a wire that the blur has
-left as a low ridge is missing. What is missing is sought as a linear function of the picture's colours in
-each window, so fitted that it explains the rest after both are blurred, and added with the sharp colours.
+Many maps are accurate maps blurred by their network, by enlargement or by compression. A correct repaired
+map, blurred in the same way, reproduces the input. The residual between the two shows what is missing.
 
-Source: He, Sun and Tang, "Guided image filtering", ECCV 2010, for local linear functions of colours and the
-mean over all windows that hold a pixel; van Cittert, "Zum Einfluß der Spaltbreite auf die
-Intensitätsverteilung in Spektrallinien II", Zeitschrift für Physik 1931, for adding what does not come out
-yet. That the guide is blurred as the map is, so that the filter sharpens, is ours.
+Method: van Cittert iteration (van Cittert, "Zum Einfluß der Spaltbreite auf die Intensitätsverteilung in
+Spektrallinien II", Zeitschrift für Physik 1931) with a guided filter (He, Sun and Tang, "Guided image
+filtering", ECCV 2010). The blur is the Gaussian that fits best. In each window the residual is fitted by a
+linear function of the colours of the equally blurred picture; the mean of the functions of all windows that
+contain a pixel is applied to its sharp colours and added. Blurring the guide like the map, so that the filter
+sharpens, is our addition.
+
+In: the picture, scene-linear (H, W, 3), the input map and the repaired map, (H, W), in one unit. Out: the
+repaired map with the missing detail, in that unit.
 """
 
 import math
@@ -20,125 +23,131 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["Softness", "blur_map", "explain_soft_map", "find_softness"]
+__all__ = ["BlurEstimate", "blur_map", "estimate_blur", "restore_blurred_detail"]
 
-# Standard deviations of the blur between which the map's is sought, pixels; the least is that of no soft map.
-_DEVIATIONS = tuple(1.25**i for i in range(1, 9))
+# Candidates for the standard deviation of the blur, pixels; the smallest one means that the map is not soft.
+_SIGMAS_PX = tuple(1.25**i for i in range(1, 9))
 
-# Pixels at which that is sought.
-_SAMPLES = 4096
+# Approximate number of pixels at which the blur is estimated.
+_BLUR_SAMPLES = 4096
 
-# Reach of the Gaussian, in deviations.
-_REACH = 3.5
+# Radius of the Gaussian, in standard deviations.
+_GAUSSIAN_RADIUS = 3.5
 
-# Half the width of a window, in deviations, and at least, pixels.
-_WINDOW, _LEAST_WINDOW = 1.7, 3
+# Half width of a window in standard deviations of the blur, and its lower bound in pixels.
+_WINDOW_RADIUS, _MIN_WINDOW_RADIUS_PX = 1.7, 3
 
-# Variance of encoded colours below which they explain nothing.
-_NOISE = 1e-4
+# Regularisation of the guided filter: variance of encoded colours that is regarded as noise.
+_COLOR_VARIANCE = 1e-4
 
-# Rest, as a share of the map's span, below which nothing is missing.
-_LEAST_REST = 0.05
+# Minimum residual that indicates missing detail, as a fraction of the range of the map.
+_MIN_RESIDUAL = 0.05
 
-# Times that what does not come out yet is added.
-_ROUNDS = 2
+# Number of van Cittert iterations.
+_ITERATIONS = 2
 
 
 @njit(cache=True, parallel=True)
-def _weigh(padded, weights, down, along, result):  # type: ignore[no-untyped-def]
-    """Weighted sums of numbers that lie ``down`` rows and ``along`` columns apart, from each on, (H, N)."""
+def _convolve(padded, weights, row_step, column_step, result):  # type: ignore[no-untyped-def]
+    """Convolve along one axis into ``result`` (H, N); the steps give the distance of taps."""
     height, width = result.shape
     for y in prange(height):
         for x in range(width):
             result[y, x] = 0.0
         for i in range(len(weights)):
-            weight, row, first = weights[i], y + i * down, i * along
+            weight, row, first = weights[i], y + i * row_step, i * column_step
             for x in range(width):
                 result[y, x] += weight * padded[row, first + x]
 
 
-def _gaussian(deviation: float) -> np.ndarray:
-    """Weights of the pixels along an axis, float32; their sum is 1."""
-    reach = math.ceil(_REACH * deviation)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+def _gaussian(sigma: float) -> np.ndarray:
+    """Return the weights of a one-dimensional Gaussian, float32, with sum 1."""
+    radius = math.ceil(_GAUSSIAN_RADIUS * sigma)
+    weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return np.asarray(weights / weights.sum(), np.float32)
 
 
-def blur_map(values: np.ndarray, deviation: float) -> np.ndarray:
-    """Blur (H, W) or (H, W, C), float32, by a Gaussian of that standard deviation in pixels."""
-    weights = _gaussian(deviation)
-    reach = len(weights) // 2
+def blur_map(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Return an array blurred by a Gaussian, with its border repeated.
+
+    Args:
+        values: Array, (H, W) or (H, W, C), float32.
+        sigma: Standard deviation of the Gaussian, pixels.
+    """
+    weights = _gaussian(sigma)
+    radius = len(weights) // 2
     height, channels = len(values), 1 if values.ndim == 2 else values.shape[2]
-    rest = [(0, 0)] * (values.ndim - 1)
+    residual = [(0, 0)] * (values.ndim - 1)
     result = np.empty((height, values.size // height), np.float32)
     with parallel_region:
-        padded = np.pad(values, [(reach, reach), *rest], "edge").reshape(height + 2 * reach, -1)
-        _weigh(padded, weights, 1, 0, result)
-        padded = np.pad(result.reshape(values.shape), [(0, 0), (reach, reach), *rest[1:]], "edge")
-        _weigh(padded.reshape(height, -1), weights, 0, channels, result)
+        padded = np.pad(values, [(radius, radius), *residual], "edge").reshape(height + 2 * radius, -1)
+        _convolve(padded, weights, 1, 0, result)
+        padded = np.pad(result.reshape(values.shape), [(0, 0), (radius, radius), *residual[1:]], "edge")
+        _convolve(padded.reshape(height, -1), weights, 0, channels, result)
     return result.reshape(values.shape)
 
 
 @njit(cache=True, parallel=True)
-def _find_rests(given, repaired, ys, xs, weights, rests):  # type: ignore[no-untyped-def]
-    """Fill ``rests`` with what a map is away from the other one blurred, at some pixels."""
-    height, width = given.shape
-    reach = len(weights) // 2
+def _residuals_at(original, repaired, ys, xs, weights, residuals):  # type: ignore[no-untyped-def]
+    """Fill ``residuals`` with absolute residuals of a map and the other one blurred, at some pixels."""
+    height, width = original.shape
+    radius = len(weights) // 2
     for i in prange(len(ys)):
         blurred = 0.0
-        for v in range(-reach, reach + 1):
+        for v in range(-radius, radius + 1):
             y, row = min(max(ys[i] + v, 0), height - 1), 0.0
-            for u in range(-reach, reach + 1):
-                row += weights[u + reach] * repaired[y, min(max(xs[i] + u, 0), width - 1)]
-            blurred += weights[v + reach] * row
-        rests[i] = abs(given[ys[i], xs[i]] - blurred)
+            for u in range(-radius, radius + 1):
+                row += weights[u + radius] * repaired[y, min(max(xs[i] + u, 0), width - 1)]
+            blurred += weights[v + radius] * row
+        residuals[i] = abs(original[ys[i], xs[i]] - blurred)
 
 
-class Softness(NamedTuple):
-    """How soft a map is.
+class BlurEstimate(NamedTuple):
+    """Estimate of the blur of a map.
 
     Attributes:
-        deviation: Standard deviation in pixels of the Gaussian that best brings a repaired map back to the
-            given one; 0 where that is hardly soft.
-        rest: By how much it stays away from it then: the mean of square roots.
+        sigma: Standard deviation of the Gaussian that best maps the repaired map to the input, pixels; 0
+            if the input is hardly soft.
+        residual: Mean square root of the absolute residuals that remain, in square roots of the map's unit.
     """
 
-    deviation: float
-    rest: float
+    sigma: float
+    residual: float
 
 
-def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> Softness:
-    """Find the blur that lies between a repaired map and the given one.
+def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> BlurEstimate:
+    """Return the Gaussian blur that best maps a repaired map to the input.
 
-    Most pixels are to come out right: the square root counts the others little. Some thousands, evenly
-    spread, stand for all.
+    The mean square root of the residuals is robust: a few wrong pixels have little weight. It is computed at
+    about 4000 evenly spaced pixels and minimised over fixed candidates with a parabola through the best
+    three.
 
     Args:
-        given: (H, W) float32.
-        repaired: The same with sharp steps, (H, W) float32.
-        soft: Where steps were soft, (H, W) bool.
+        original: Input map, (H, W), float32.
+        repaired: Map with sharp edges, (H, W), float32.
+        soft: Pixels at soft edges of the input, (H, W), bool.
     """
     ys, xs = np.nonzero(soft)
     if len(ys) == 0:
-        return Softness(0.0, 0.0)
-    every = -(-len(ys) // _SAMPLES)
-    ys, xs = ys[::every], xs[::every]
-    means, rests = [], np.empty(len(ys), np.float32)
-    for deviation in _DEVIATIONS:
+        return BlurEstimate(0.0, 0.0)
+    stride = -(-len(ys) // _BLUR_SAMPLES)
+    ys, xs = ys[::stride], xs[::stride]
+    mean_roots, residuals = [], np.empty(len(ys), np.float32)
+    for sigma in _SIGMAS_PX:
         with parallel_region:
-            _find_rests(given, repaired, ys, xs, _gaussian(deviation), rests)
-        means.append(float(np.sqrt(rests).mean()))
-    best = int(np.argmin(means))
-    if best in (0, len(means) - 1):
-        return Softness(_DEVIATIONS[best] if best else 0.0, means[best])
-    before, least, after = means[best - 1 : best + 2]
-    peak = 0.5 * (before - after) / max(before - 2 * least + after, 1e-12)  # of a parabola through three
-    return Softness(_DEVIATIONS[best] * 1.25**peak, least)
+            _residuals_at(original, repaired, ys, xs, _gaussian(sigma), residuals)
+        mean_roots.append(float(np.sqrt(residuals).mean()))
+    best = int(np.argmin(mean_roots))
+    if best in (0, len(mean_roots) - 1):
+        return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
+    before, minimum, after = mean_roots[best - 1 : best + 2]
+    vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
+    return BlurEstimate(_SIGMAS_PX[best] * 1.25**vertex, minimum)
 
 
 @njit(cache=True)
 def _solve(xx, xy, xz, yy, yz, zz, x, y, z):  # type: ignore[no-untyped-def]
-    """Solution of a symmetric system of three equations, by Cramer's rule."""
+    """Solve a symmetric 3x3 system of linear equations by Cramer's rule."""
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     determinant = xx * a + xy * b + xz * c
     d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
@@ -150,20 +159,20 @@ def _solve(xx, xy, xz, yy, yz, zz, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fit(rest, guide, wanted, reach, noise, fitted):  # type: ignore[no-untyped-def]
-    """Linear functions of the guide, (H, W, 4), that explain the rest around each wanted pixel.
+def _fit(residual, guide, mask, radius, noise, fitted):  # type: ignore[no-untyped-def]
+    """Fit linear functions of the guide, (H, W, 4), to the residual in the window of each masked pixel.
 
-    They are weighted by the share of the rest's variance that they explain.
+    Each function is scaled by the fraction of the residual's variance that it explains.
     """
-    height, width = rest.shape
+    height, width = residual.shape
     for row in prange(height):
         for column in range(width):
-            if not wanted[row, column]:
+            if not mask[row, column]:
                 continue
             n = r = g = b = e = rr = rg = rb = gg = gb = bb = re = ge = be = ee = 0.0
-            for v in range(max(0, row - reach), min(height, row + reach + 1)):
-                for u in range(max(0, column - reach), min(width, column + reach + 1)):
-                    i, j, k, t = guide[v, u, 0], guide[v, u, 1], guide[v, u, 2], rest[v, u]
+            for v in range(max(0, row - radius), min(height, row + radius + 1)):
+                for u in range(max(0, column - radius), min(width, column + radius + 1)):
+                    i, j, k, t = guide[v, u, 0], guide[v, u, 1], guide[v, u, 2], residual[v, u]
                     n += 1.0
                     r, g, b, e = r + i, g + j, b + k, e + t
                     rr, rg, rb = rr + i * i, rg + i * j, rb + i * k
@@ -182,23 +191,23 @@ def _fit(rest, guide, wanted, reach, noise, fitted):  # type: ignore[no-untyped-
                 ge,
                 be,
             )
-            share = min(max((x * re + y * ge + z * be) / max(ee / n - e * e, 1e-12), 0.0), 1.0)
-            fitted[row, column, 0], fitted[row, column, 1] = share * x, share * y
-            fitted[row, column, 2] = share * z
-            fitted[row, column, 3] = share * (e - x * r - y * g - z * b)
+            explained = min(max((x * re + y * ge + z * be) / max(ee / n - e * e, 1e-12), 0.0), 1.0)
+            fitted[row, column, 0], fitted[row, column, 1] = explained * x, explained * y
+            fitted[row, column, 2] = explained * z
+            fitted[row, column, 3] = explained * (e - x * r - y * g - z * b)
 
 
 @njit(cache=True, parallel=True)
-def _add(fitted, guide, wanted, reach, result):  # type: ignore[no-untyped-def]
-    """Add what the mean of the functions around each wanted pixel makes of its sharp colours."""
+def _add_detail(fitted, guide, mask, radius, result):  # type: ignore[no-untyped-def]
+    """Apply the mean of the functions around each masked pixel to its sharp colours and add the result."""
     height, width = result.shape
     for row in prange(height):
         for column in range(width):
-            if not wanted[row, column]:
+            if not mask[row, column]:
                 continue
             n = x = y = z = w = 0.0
-            for v in range(max(0, row - reach), min(height, row + reach + 1)):
-                for u in range(max(0, column - reach), min(width, column + reach + 1)):
+            for v in range(max(0, row - radius), min(height, row + radius + 1)):
+                for u in range(max(0, column - radius), min(width, column + radius + 1)):
                     n += 1.0
                     x, y = x + fitted[v, u, 0], y + fitted[v, u, 1]
                     z, w = z + fitted[v, u, 2], w + fitted[v, u, 3]
@@ -207,52 +216,52 @@ def _add(fitted, guide, wanted, reach, result):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _near(rest, least, reach, wanted):  # type: ignore[no-untyped-def]
-    """Whether the rest exceeds ``least`` somewhere in the window around each pixel."""
-    height, width = rest.shape
-    across = np.zeros((height, width), np.bool_)
+def _mark_residuals(residual, threshold, radius, mask):  # type: ignore[no-untyped-def]
+    """Mark pixels with a residual above ``threshold`` anywhere in their window."""
+    height, width = residual.shape
+    in_row_window = np.zeros((height, width), np.bool_)
     for y in prange(height):
-        last = -reach - 1
-        for x in range(width + reach):
-            if x < width and abs(rest[y, x]) > least:
+        last = -radius - 1
+        for x in range(width + radius):
+            if x < width and abs(residual[y, x]) > threshold:
                 last = x
-            if x >= reach:
-                across[y, x - reach] = last >= x - 2 * reach
+            if x >= radius:
+                in_row_window[y, x - radius] = last >= x - 2 * radius
     for y in prange(height):
         for x in range(width):
-            wanted[y, x] = False
-            for v in range(max(0, y - reach), min(height, y + reach + 1)):
-                if across[v, x]:
-                    wanted[y, x] = True
+            mask[y, x] = False
+            for v in range(max(0, y - radius), min(height, y + radius + 1)):
+                if in_row_window[v, x]:
+                    mask[y, x] = True
                     break
 
 
-def explain_soft_map(
-    image: np.ndarray, given: np.ndarray, repaired: np.ndarray, deviation: float
+def restore_blurred_detail(
+    image: np.ndarray, original: np.ndarray, repaired: np.ndarray, sigma: float
 ) -> np.ndarray:
-    """Add to a repaired map what it lacks to be the given one when it is blurred.
+    """Return a repaired map with the detail that it needs to reproduce the input when blurred.
 
     Args:
-        image: Scene-linear, (H, W, 3) float32, 0 or more.
-        given: The map as it was, (H, W) float32.
-        repaired: With sharp steps, (H, W) float32.
-        deviation: Of the blur that lies between both, from :func:`find_softness`, pixels.
+        image: All-in-focus picture, scene-linear, not negative, (H, W, 3), float32.
+        original: Input map, (H, W), float32.
+        repaired: Map with sharp edges, (H, W), float32.
+        sigma: Standard deviation of the blur from :func:`estimate_blur`, pixels.
 
     Returns:
-        (H, W) float32, within the range of both; the same where nothing is missing.
+        Map, (H, W), float32, within the range of both maps; equal to ``repaired`` where no detail is missing.
     """
     sharp = np.sqrt(np.clip(image, 0, 1))
-    soft = blur_map(sharp, deviation)
-    low = min(float(given.min()), float(repaired.min()))
-    high = max(float(given.max()), float(repaired.max()))
-    reach = max(_LEAST_WINDOW, round(_WINDOW * deviation))
-    result, wanted = repaired.copy(), np.empty(given.shape, bool)
-    for _ in range(_ROUNDS):
-        rest = given - blur_map(result, deviation)
-        fitted = np.zeros((*given.shape, 4), np.float32)
+    soft = blur_map(sharp, sigma)
+    low = min(float(original.min()), float(repaired.min()))
+    high = max(float(original.max()), float(repaired.max()))
+    radius = max(_MIN_WINDOW_RADIUS_PX, round(_WINDOW_RADIUS * sigma))
+    result, mask = repaired.copy(), np.empty(original.shape, bool)
+    for _ in range(_ITERATIONS):
+        residual = original - blur_map(result, sigma)
+        fitted = np.zeros((*original.shape, 4), np.float32)
         with parallel_region:
-            _near(rest, _LEAST_REST * (high - low), reach, wanted)
-            _fit(rest, soft, wanted, reach, _NOISE, fitted)
-            _add(fitted, sharp, wanted, reach, result)
+            _mark_residuals(residual, _MIN_RESIDUAL * (high - low), radius, mask)
+            _fit(residual, soft, mask, radius, _COLOR_VARIANCE, fitted)
+            _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)
     return result

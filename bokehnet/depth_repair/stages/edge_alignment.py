@@ -1,4 +1,16 @@
-"""Steps of an enlarged disparity map put where the larger picture has its edges."""
+"""Edge alignment: move the depth edges of an enlarged map to the edges of the larger picture.
+
+Method: two-class colour test beside each depth edge. The mean colours of the near and the far side in a
+    window
+define two classes; the evidence of a pixel is its relative distance from both means. A pixel changes sides if
+the mean evidence of its 3x3 window is clear. The setting, a small map and a large picture, is that of Kopf,
+Cohen, Lischinski and Uyttendaele, "Joint bilateral upsampling", ACM TOG 2007; the choice between two sides is
+ours.
+
+In: the picture, scene-linear (H, W, 3), and the enlarged map (H, W), any unit. Out: the map with edges moved
+    by
+up to two pixels, in the same unit.
+"""
 
 import math
 
@@ -8,35 +20,35 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["align_steps"]
+__all__ = ["align_edges"]
 
-# Half the width of the window beside a step in which a pixel may change sides: as much as doubling a map
-# leaves open.
-_REACH = 2
+# Half width of the window beside an edge in which a pixel may change sides, pixels: the uncertainty of a map
+# after doubling its size.
+_MAX_SHIFT_PX = 2
 
-# Half the width of the window that tells the colours of both sides.
-_WINDOW = 6
+# Half width of the window for the mean colours of both sides, pixels.
+_COLOR_RADIUS_PX = 6
 
-# Mean evidence of a pixel and its neighbours, -1 to 1, below which it stays on its side.
-_SURE = 0.2
+# Minimum mean evidence of a pixel and its neighbours for a change of sides; evidence ranges from -1 to 1.
+_MIN_EVIDENCE = 0.2
 
-# Rows worked at a time, so that the evidence stays small.
-_ROWS = 512
+# Rows per pass, which bounds the memory of the evidence.
+_ROWS_PER_PASS = 512
 
 
 @njit(cache=True)
-def _extremes(disparity, y, x):  # type: ignore[no-untyped-def]
-    """Lowest and highest value in the window beside a step."""
+def _local_range(disparity, y, x):  # type: ignore[no-untyped-def]
+    """Return the lowest and highest value in the window of a pixel."""
     low = high = disparity[y, x]
-    for v in range(max(0, y - _REACH), min(disparity.shape[0], y + _REACH + 1)):
-        for u in range(max(0, x - _REACH), min(disparity.shape[1], x + _REACH + 1)):
+    for v in range(max(0, y - _MAX_SHIFT_PX), min(disparity.shape[0], y + _MAX_SHIFT_PX + 1)):
+        for u in range(max(0, x - _MAX_SHIFT_PX), min(disparity.shape[1], x + _MAX_SHIFT_PX + 1)):
             low, high = min(low, disparity[v, u]), max(high, disparity[v, u])
     return low, high
 
 
 @njit(cache=True)
-def _beside_step(disparity, y, x, middle):  # type: ignore[no-untyped-def]
-    """Whether one of the four neighbours lies on the other side of ``middle``: such pixels may be mixed."""
+def _is_at_edge(disparity, y, x, middle):  # type: ignore[no-untyped-def]
+    """Return whether a 4-neighbour lies on the other side of ``middle``, so that colours may be mixed."""
     near = disparity[y, x] > middle
     return (
         (y > 0 and (disparity[y - 1, x] > middle) != near)
@@ -47,39 +59,39 @@ def _beside_step(disparity, y, x, middle):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _weigh(image, disparity, least, first, evidence):  # type: ignore[no-untyped-def]
-    """Fill ``evidence`` of the rows from ``first`` on: 1 for the colour of the near side, -1 for the far."""
+def _gather_evidence(image, disparity, min_height, first, evidence):  # type: ignore[no-untyped-def]
+    """Fill ``evidence`` from row ``first``: 1 for the colour of the near side, -1 for the far side."""
     height, width = disparity.shape
     for row in prange(evidence.shape[0]):
         y = first + row
         sums = np.empty((2, 4))
         for x in range(width):
             evidence[row, x] = 0.0
-            low, high = _extremes(disparity, y, x)
-            if high - low <= least:
+            low, high = _local_range(disparity, y, x)
+            if high - low <= min_height:
                 continue
             middle = 0.5 * (low + high)
             sums[:] = 0.0
-            for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
-                for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
-                    if not _beside_step(disparity, v, u, middle):
+            for v in range(max(0, y - _COLOR_RADIUS_PX), min(height, y + _COLOR_RADIUS_PX + 1)):
+                for u in range(max(0, x - _COLOR_RADIUS_PX), min(width, x + _COLOR_RADIUS_PX + 1)):
+                    if not _is_at_edge(disparity, v, u, middle):
                         side = 1 if disparity[v, u] > middle else 0
                         for c in range(3):
                             sums[side, c] += math.sqrt(image[v, u, c])
                         sums[side, 3] += 1.0
             if sums[0, 3] == 0.0 or sums[1, 3] == 0.0:
                 continue
-            far = near = 1e-6
+            far_distance = near = 1e-6
             for c in range(3):
-                own = math.sqrt(image[y, x, c])
-                far += (own - sums[0, c] / sums[0, 3]) ** 2
-                near += (own - sums[1, c] / sums[1, 3]) ** 2
-            evidence[row, x] = (far - near) / (far + near)
+                value = math.sqrt(image[y, x, c])
+                far_distance += (value - sums[0, c] / sums[0, 3]) ** 2
+                near += (value - sums[1, c] / sums[1, 3]) ** 2
+            evidence[row, x] = (far_distance - near) / (far_distance + near)
 
 
 @njit(cache=True, parallel=True)
-def _move(disparity, evidence, first, top, bottom, result):  # type: ignore[no-untyped-def]
-    """Fill rows ``top`` to ``bottom``: the value of the side that the evidence around a pixel is for."""
+def _change_sides(disparity, evidence, first, top, bottom, result):  # type: ignore[no-untyped-def]
+    """Fill rows ``top`` to ``bottom`` with the value of the side that the evidence supports."""
     width = disparity.shape[1]
     for y in prange(top, bottom):
         for x in range(width):
@@ -91,27 +103,26 @@ def _move(disparity, evidence, first, top, bottom, result):  # type: ignore[no-u
                 for u in range(max(0, x - 1), min(width, x + 2)):
                     total += evidence[v, u]
                     count += evidence[v, u] != 0.0
-            low, high = _extremes(disparity, y, x)
+            low, high = _local_range(disparity, y, x)
             near = disparity[y, x] > 0.5 * (low + high)
-            if near and total < -_SURE * count:
+            if near and total < -_MIN_EVIDENCE * count:
                 result[y, x] = low
-            elif not near and total > _SURE * count:
+            elif not near and total > _MIN_EVIDENCE * count:
                 result[y, x] = high
 
 
-def align_steps(image: np.ndarray, disparity: np.ndarray, least: float) -> np.ndarray:
-    """Move steps by up to two pixels to where the picture changes from one side's colour to the other's.
+def align_edges(image: np.ndarray, disparity: np.ndarray, min_height: float) -> np.ndarray:
+    """Return the map with its edges moved by up to two pixels to the colour edges of the picture.
 
-    The colours of both sides are the means over a window, without the pixels at the step itself. Which of
-    them a pixel is like is asked of it and of its neighbours together.
+    The mean colours of both sides exclude the pixels at the edge itself, which may be mixed.
 
     Args:
-        image: Scene-linear, 0 or above, (H, W, 3).
-        disparity: Its steps are sharp, (H, W).
-        least: What counts as a step, in the unit of the map.
+        image: All-in-focus picture, scene-linear, not negative, (H, W, 3).
+        disparity: Map with sharp edges, (H, W), any unit.
+        min_height: Minimum height of a depth edge, in the unit of the map.
 
     Returns:
-        A new map (H, W).
+        New map, (H, W).
 
     Source:
         Kopf, Cohen, Lischinski and Uyttendaele, "Joint bilateral upsampling", ACM TOG 2007, for a small
@@ -120,11 +131,11 @@ def align_steps(image: np.ndarray, disparity: np.ndarray, least: float) -> np.nd
     disparity = np.ascontiguousarray(disparity)
     height, width = disparity.shape
     result = np.empty_like(disparity)
-    for top in range(0, height, _ROWS):
-        bottom = min(top + _ROWS, height)
+    for top in range(0, height, _ROWS_PER_PASS):
+        bottom = min(top + _ROWS_PER_PASS, height)
         first, last = max(0, top - 1), min(height, bottom + 1)
         evidence = np.empty((last - first, width), np.float32)
         with parallel_region:
-            _weigh(image, disparity, least, first, evidence)
-            _move(disparity, evidence, first, top, bottom, result)
+            _gather_evidence(image, disparity, min_height, first, evidence)
+            _change_sides(disparity, evidence, first, top, bottom, result)
     return result

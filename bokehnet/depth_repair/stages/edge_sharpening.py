@@ -1,146 +1,161 @@
-"""Soft steps of a map made sharp: each value goes to the nearer one of the extremes around it."""
+"""Sharpening of soft depth edges: each value becomes the nearer of the extremes in its window.
+
+Method: the toggle mapping of Kramer and Bruckner, "Iterations of a non-linear transformation for enhancement
+    of
+digital images", Pattern Recognition 1975, in two passes. Slopes, such as the ground, are excluded: a pixel
+lies on a slope if the map continues on both sides with the same gradient.
+
+In: a map (H, W), any unit. Out: the map with sharp edges, in the same unit.
+"""
 
 import numpy as np
 
 from bokehnet.arrays.row_blocks import cut_row_blocks, make_in_row_blocks
 
 __all__ = [
-    "SHARPENED",
-    "SLOPE_HALO",
-    "SOFT",
-    "STEP",
-    "extremes",
-    "on_slopes",
+    "MIN_EDGE_HEIGHT",
+    "SHARPENING_HALO_PX",
+    "SLOPE_HALO_PX",
+    "SOFT_FRACTION",
+    "extend_rows",
+    "local_extremes",
     "repair_soft_edges",
+    "slope_mask",
     "soft_edge_fraction",
-    "with_halo",
 ]
 
-# A span of the map's values, as a share of the whole map's, that makes a step.
-STEP = 0.05
+# Minimum height of a depth edge, as a fraction of the range of the map.
+MIN_EDGE_HEIGHT = 0.05
 
-# Between the extremes, in shares of the step, from which on a pixel stands on a slope of it.
-_BETWEEN = 0.2
+# Minimum distance of a soft pixel from both extremes, as a fraction of the edge height.
+_MIN_DISTANCE_FROM_EXTREMES = 0.2
 
-# Share of soft steps from which on all are sharpened before a network sees the map.
-SOFT = 0.3
+# Fraction of soft edges above which all edges are sharpened before the network runs.
+SOFT_FRACTION = 0.3
 
-# Half widths of the windows, one after the other; together they turn ramps of ten pixels into steps.
-_RADII = (3, 2)
+# Half widths of the windows in each pass, pixels; together they sharpen ramps of ten pixels.
+_RADII_PX = (3, 2)
 
-# Pixels around one on which depends what it becomes when soft steps are made sharp.
-SHARPENED = sum(_RADII)
+# Halo of the sharpening, pixels.
+SHARPENING_HALO_PX = sum(_RADII_PX)
 
-# A slope goes on: from pixels this far to either side to those at thrice that way it rises as much again, all
-# differences together within this share. Gaussians wider than 6 pixels and ramps longer than 13 pass for
-# slopes.
-_STRIDE, _UNEVEN = 3, 0.75
-SLOPE_HALO = 3 * _STRIDE
+# Slope test: the rise over this stride (pixels) at a pixel must continue on both sides, with a sum of
+# differences below this fraction of the rise. Gaussians wider than 6 pixels and ramps longer than 13 pixels
+# pass as slopes.
+_SLOPE_STRIDE_PX, _MAX_SLOPE_CHANGE = 3, 0.75
+SLOPE_HALO_PX = 3 * _SLOPE_STRIDE_PX
 
 
-def extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest value of the square window around each pixel, the border repeated."""
-    low, high = (_over_windows(values, radius, choose) for choose in (np.minimum, np.maximum))
+def local_extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest and the largest value of the square window around each pixel.
+
+    Args:
+        values: Array, (H, W); its border is repeated.
+        radius: Half width of the window, pixels.
+    """
+    low, high = (_reduce_windows(values, radius, reduce) for reduce in (np.minimum, np.maximum))
     return low, high
 
 
-def _over_windows(values: np.ndarray, radius: int, choose: np.ufunc) -> np.ndarray:
-    """Reduce the square window around each pixel, along rows, then columns; windows grow by doubling."""
-    found = values
+def _reduce_windows(values: np.ndarray, radius: int, reduce: np.ufunc) -> np.ndarray:
+    """Reduce the square window around each pixel, one axis after the other; windows grow by doubling."""
+    result = values
     for axis in (0, 1):
         padding = [(radius, radius) if a == axis else (0, 0) for a in (0, 1)]
-        lines = np.moveaxis(np.pad(found, padding, "edge"), axis, 0)
-        size, whole = 1, 2 * radius + 1
-        while size < whole:
-            step = min(size, whole - size)
-            lines = choose(lines[: len(lines) - step], lines[step:])
+        lines = np.moveaxis(np.pad(result, padding, "edge"), axis, 0)
+        size, full_size = 1, 2 * radius + 1
+        while size < full_size:
+            step = min(size, full_size - size)
+            lines = reduce(lines[: len(lines) - step], lines[step:])
             size += step
-        found = np.moveaxis(lines, 0, axis)
-    return found
+        result = np.moveaxis(lines, 0, axis)
+    return result
 
 
-def with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
-    """Rows with as many more on either side as there are, and where the rows are in them."""
+def extend_rows(rows: slice, halo: int) -> tuple[slice, slice]:
+    """Return rows extended by ``halo`` rows on both sides, clipped at the top, and the rows inside these."""
     top = max(0, rows.start - halo)
     return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
 
 
-def on_slopes(disparity: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Which of some pixels of a map stand on slopes: surfaces that lean towards the camera.
+def slope_mask(disparity: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return which of some pixels lie on slopes: surfaces inclined to the image plane.
 
     Args:
-        disparity: (H, W), any unit.
-        where: The pixels, (H, W) bool.
+        disparity: Map, (H, W), any unit.
+        mask: Pixels to test, (H, W), bool.
 
     Returns:
-        (H, W) bool.
+        Pixels on slopes, (H, W), bool.
     """
-    rows, columns = np.nonzero(where)
-    # Slopes go on beyond the border.
-    padded = np.pad(disparity, SLOPE_HALO, "reflect", reflect_type="odd")
-    uneven, rise = np.zeros(len(rows), np.float32), np.zeros(len(rows), np.float32)
+    rows, columns = np.nonzero(mask)
+    # Odd reflection continues slopes beyond the border.
+    padded = np.pad(disparity, SLOPE_HALO_PX, "reflect", reflect_type="odd")
+    change, rise = np.zeros(len(rows), np.float32), np.zeros(len(rows), np.float32)
     for axis in (0, 1):
         line = []
-        for away in (0, 2, 4, 6):
-            shift = [SLOPE_HALO, SLOPE_HALO]
-            shift[axis] = away * _STRIDE
+        for position in (0, 2, 4, 6):
+            shift = [SLOPE_HALO_PX, SLOPE_HALO_PX]
+            shift[axis] = position * _SLOPE_STRIDE_PX
             line.append(padded[rows + shift[0], columns + shift[1]])
-        before, here, after = np.diff(line, axis=0)
-        uneven += np.abs(here - before) + np.abs(here - after)
-        rise += np.abs(here)
-    found = np.zeros(disparity.shape, bool)
-    found[rows, columns] = uneven < _UNEVEN * rise
-    return found
+        before, rise_at, after = np.diff(line, axis=0)
+        change += np.abs(rise_at - before) + np.abs(rise_at - after)
+        rise += np.abs(rise_at)
+    on_slope = np.zeros(disparity.shape, bool)
+    on_slope[rows, columns] = change < _MAX_SLOPE_CHANGE * rise
+    return on_slope
 
 
 def soft_edge_fraction(disparity: np.ndarray, by_size: bool = True) -> float:
-    """How much of the steps stands between their two sides: 0 = all are sharp.
+    """Return the fraction of edge pixels between both sides of their edge, 0 (all sharp) to 1.
 
     Args:
-        disparity: (H, W), any unit.
-        by_size: Whether pixels count by the square of their step, or else what is round or leans would say of
-            a map with few steps that it is soft: blur spares none of them. If all count alike, noise that is
-            as high as steps makes a map soft, too.
+        disparity: Map, (H, W), any unit.
+        by_size: True to weight pixels by the square of the edge height. Otherwise round and inclined surfaces
+            make a map with few edges seem soft, although blur affects all edges, and so does noise that is as
+            high as edges.
     """
     span = float(np.ptp(disparity))
-    soft, all_steps = 0.0, 0.0
+    soft, total = 0.0, 0.0
     for rows in cut_row_blocks(disparity.shape):
-        window, inner = with_halo(rows, SLOPE_HALO)
+        window, inner = extend_rows(rows, SLOPE_HALO_PX)
         values = disparity[window]
-        low, high = extremes(values, 2)
-        steps = high - low > STEP * span
-        between = steps & (np.minimum(high - values, values - low) > _BETWEEN * (high - low))
-        slopes = on_slopes(values, between)
+        low, high = local_extremes(values, 2)
+        edges = high - low > MIN_EDGE_HEIGHT * span
+        between = edges & (
+            np.minimum(high - values, values - low) > _MIN_DISTANCE_FROM_EXTREMES * (high - low)
+        )
+        slopes = slope_mask(values, between)
         power = 2 if by_size else 0
-        weights = np.where(steps & ~slopes, ((high - low) / (span or 1)) ** power, 0)[inner]
+        weights = np.where(edges & ~slopes, ((high - low) / (span or 1)) ** power, 0)[inner]
         soft += float(weights[between[inner]].sum(dtype=float))
-        all_steps += float(weights.sum(dtype=float))
-    return soft / all_steps if all_steps else 0.0
+        total += float(weights.sum(dtype=float))
+    return soft / total if total else 0.0
 
 
 def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.ndarray:
-    """Return the map (H, W) with soft steps made sharp where they pass the middle between both sides.
+    """Return the map with soft edges made sharp at the middle between both sides, (H, W).
 
-    Slopes stay as they are.
+    Slopes do not change.
 
     Args:
-        disparity: (H, W), any unit.
-        span: Of the values that steps are held against; by default the map's.
+        disparity: Map, (H, W), any unit.
+        span: Range of values that defines the minimum edge height; default: the range of the map.
 
     Source:
         Kramer and Bruckner, "Iterations of a non-linear transformation for enhancement of digital images",
         Pattern Recognition 1975.
     """
-    least = STEP * (np.ptp(disparity) if span is None else span)
+    min_height = MIN_EDGE_HEIGHT * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, SLOPE_HALO + SHARPENED)
+        window, inner = extend_rows(rows, SLOPE_HALO_PX + SHARPENING_HALO_PX)
         sharp = values = disparity[window]
-        for radius in _RADII:
-            low, high = extremes(sharp, radius)
+        for radius in _RADII_PX:
+            low, high = local_extremes(sharp, radius)
             nearer = np.where(high - sharp < sharp - low, high, low)
-            changed = (high - low > least) & (nearer != sharp)
-            sharp = np.where(changed & ~on_slopes(values, changed), nearer, sharp)
+            changed = (high - low > min_height) & (nearer != sharp)
+            sharp = np.where(changed & ~slope_mask(values, changed), nearer, sharp)
         return sharp[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)

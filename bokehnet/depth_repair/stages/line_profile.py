@@ -1,6 +1,8 @@
-"""Lines of a picture, told by their profile across: the colours on them and to either side.
+"""Cross-sections of lines in a picture: colours on the centre line and on both sides.
 
-All pictures are (H, W, 3), encoded; places are rows and columns between pixels, directions down and right.
+Kernels for :mod:`bokehnet.depth_repair.stages.thin_structures`. In: pictures with encoded colours,
+(H, W, 3); positions as fractional rows and columns, pixels; directions as unit vectors (down, right); angles
+in radians from right to down. Out: colour differences (squared, summed over channels), widths in pixels.
 """
 
 import math
@@ -10,29 +12,29 @@ import numpy as np
 from bokehnet.kernels import njit
 
 __all__ = [
-    "SIDE",
-    "STRIDE",
-    "contrast_across",
-    "difference",
+    "CONTRAST_RADIUS_PX",
+    "STEP_PX",
+    "color_difference_at",
     "half_width",
-    "heading",
-    "look_across",
-    "ranked",
-    "sample",
-    "turned",
-    "unlike",
+    "interpolate",
+    "line_contrast",
+    "order_statistic",
+    "profile_difference",
+    "sample_profile",
+    "steer",
+    "tangent",
 ]
 
-# Pixels of a step along a line.
-STRIDE = 1.5
+# Length of a step along a line, pixels.
+STEP_PX = 1.5
 
-# Pixels across the line within which it stands out from both sides, and within which it ends.
-SIDE, HALF_WIDTH = 6, 4
+# Maximum distances from the centre line, pixels, for its contrast to both sides and for its own edge.
+CONTRAST_RADIUS_PX, MAX_HALF_WIDTH_PX = 6, 4
 
 
 @njit(cache=True)
-def sample(picture, y, x, c):  # type: ignore[no-untyped-def]
-    """Channel of the picture (H, W, 3) between its pixels."""
+def interpolate(picture, y, x, c):  # type: ignore[no-untyped-def]
+    """Return a channel of the picture (H, W, 3) at a fractional position, by bilinear interpolation."""
     y = min(max(y, 0.0), picture.shape[0] - 1.001)
     x = min(max(x, 0.0), picture.shape[1] - 1.001)
     i, j = int(y), int(x)
@@ -43,16 +45,16 @@ def sample(picture, y, x, c):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def look_across(picture, y, x, down, right, profile):  # type: ignore[no-untyped-def]
-    """Set the profile, (3, 3), of a line that runs down and right: the pixel on it and one to either side."""
+def sample_profile(picture, y, x, down, right, profile):  # type: ignore[no-untyped-def]
+    """Fill ``profile`` (3, 3) with the colours on a line with direction (down, right) and one pixel aside."""
     for k in range(3):
         for c in range(3):
-            profile[k, c] = sample(picture, y + (k - 1) * right, x - (k - 1) * down, c)
+            profile[k, c] = interpolate(picture, y + (k - 1) * right, x - (k - 1) * down, c)
 
 
 @njit(cache=True)
-def unlike(a, b):  # type: ignore[no-untyped-def]
-    """Squared difference of two profiles, the middle counting twice."""
+def profile_difference(a, b):  # type: ignore[no-untyped-def]
+    """Return the weighted squared difference of two profiles; the centre has twice the weight of a side."""
     total = 0.0
     for k in range(3):
         for c in range(3):
@@ -61,55 +63,56 @@ def unlike(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def difference(picture, y, x, v, u):  # type: ignore[no-untyped-def]
-    """Squared difference of the colours at two places."""
+def color_difference_at(picture, y, x, v, u):  # type: ignore[no-untyped-def]
+    """Return the squared difference of the colours at two positions."""
     total = 0.0
     for c in range(3):
-        total += (sample(picture, y, x, c) - sample(picture, v, u, c)) ** 2
+        total += (interpolate(picture, y, x, c) - interpolate(picture, v, u, c)) ** 2
     return total
 
 
 @njit(cache=True)
-def contrast_across(picture, y, x, down, right):  # type: ignore[no-untyped-def]
-    """Largest squared difference within reach on one side, of the side where it is less."""
-    least = np.inf
+def line_contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
+    """Return the largest squared difference from the centre line on the side with less contrast."""
+    contrast = np.inf
     for side in range(-1, 2, 2):
         largest = 0.0
-        for apart in range(2, SIDE + 1):
-            v, u = y + side * apart * right, x - side * apart * down
-            largest = max(largest, difference(picture, y, x, v, u))
-        least = min(least, largest)
-    return least
+        for distance in range(2, CONTRAST_RADIUS_PX + 1):
+            v, u = y + side * distance * right, x - side * distance * down
+            largest = max(largest, color_difference_at(picture, y, x, v, u))
+        contrast = min(contrast, largest)
+    return contrast
 
 
 @njit(cache=True)
-def turned(picture, y, x, angle, turns, turn, ahead, kept, profile):  # type: ignore[no-untyped-def]
-    """Angle near the given one along which the picture changes least from ``kept``, and by how much.
+def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # type: ignore[no-untyped-def]
+    """Return the angle near ``angle`` with the least change of the profile, and this change.
 
-    ``kept`` is the profile where the line begins if its first row is NaN.
+    The change is measured from ``reference``, or, if its first row is NaN, from the profile at the start of
+    each candidate.
     """
-    own = math.isnan(kept[0, 0])
+    uses_start = math.isnan(reference[0, 0])
     start = np.empty((3, 3))
-    best, chosen = np.inf, angle
-    for way in range(-turns, turns + 1):
-        tried = angle + way * turn
-        down, right = math.sin(tried), math.cos(tried)
-        if own:
-            look_across(picture, y, x, down, right, start)
+    least_change, best_angle = np.inf, angle
+    for way in range(-max_turns, max_turns + 1):
+        candidate = angle + way * turn
+        down, right = math.sin(candidate), math.cos(candidate)
+        if uses_start:
+            sample_profile(picture, y, x, down, right, start)
         change = 0.0
         for step in range(1, ahead + 1):
-            reach = step * STRIDE
-            look_across(picture, y + reach * down, x + reach * right, down, right, profile)
-            change += unlike(profile, start if own else kept) / ahead
+            distance = step * STEP_PX
+            sample_profile(picture, y + distance * down, x + distance * right, down, right, profile)
+            change += profile_difference(profile, start if uses_start else reference) / ahead
         change += 1e-4 * way * way
-        if change < best:
-            best, chosen = change, tried
-    return chosen, best
+        if change < least_change:
+            least_change, best_angle = change, candidate
+    return best_angle, least_change
 
 
 @njit(cache=True)
-def heading(points, count, i):  # type: ignore[no-untyped-def]
-    """Unit vector along a line at one of its points."""
+def tangent(points, count, i):  # type: ignore[no-untyped-def]
+    """Return the unit tangent (down, right) of a line at one of its points."""
     first, last = max(0, i - 3), min(count - 1, i + 3)
     down, right = points[last, 0] - points[first, 0], points[last, 1] - points[first, 1]
     length = math.sqrt(down * down + right * right)
@@ -120,26 +123,31 @@ def heading(points, count, i):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def half_width(picture, y, x, down, right, side):  # type: ignore[no-untyped-def]
-    """Pixels across the line at which its colours change most, on one side; near changes count more."""
-    best, chosen = 0.0, 1.0
-    for k in range(1, 2 * HALF_WIDTH):
-        apart = 0.5 * k
-        inner, outer = side * (apart - 0.75), side * (apart + 0.75)
-        change = difference(picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down)
-        change *= 1.0 - 0.08 * apart
-        if change > best:
-            best, chosen = change, apart
-    return chosen
+    """Return the half width of a line on one side: distance of the largest colour change, pixels.
+
+    The weight of a change decreases with its distance from the centre line.
+    """
+    least_change, best_angle = 0.0, 1.0
+    for k in range(1, 2 * MAX_HALF_WIDTH_PX):
+        distance = 0.5 * k
+        inner, outer = side * (distance - 0.75), side * (distance + 0.75)
+        change = color_difference_at(
+            picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down
+        )
+        change *= 1.0 - 0.08 * distance
+        if change > least_change:
+            least_change, best_angle = change, distance
+    return best_angle
 
 
 @njit(cache=True)
-def ranked(values, rank):  # type: ignore[no-untyped-def]
-    """The value that is larger than ``rank`` others, of a few."""
+def order_statistic(values, rank):  # type: ignore[no-untyped-def]
+    """Return the value with a given rank (order statistic) in a short array."""
     for value in values:
-        below = among = 0
+        below = at_most = 0
         for other in values:
             below += other < value
-            among += other <= value
-        if below <= rank < among:
+            at_most += other <= value
+        if below <= rank < at_most:
             return value
     return values[0]

@@ -1,13 +1,18 @@
-"""Mixed pixels of an anti-aliased depth map: values between two surfaces that belong to neither.
+"""Mixed pixels ("flying pixels") of an anti-aliased depth map: values between two surfaces.
 
-A renderer that filters depth as it filters colour writes, where an edge crosses a pixel, an average of what
-lies on both sides. Blur of such a pixel is that of a surface which is not there: it can even be in focus
-between a blurred foreground and a blurred background. Colour may be mixed, depth may not.
+If a renderer filters depth like colour, a pixel that an edge crosses stores an average of both surfaces. It
+is then blurred like a surface that does not exist, and can even be in focus between a blurred foreground and
+a blurred background. Colour may be mixed, depth may not.
 
-The steps that :mod:`bokehnet.classical.layered.depth_discontinuities` sharpens are measured in pixels of
-blur, which a file does not know yet, and are split in the middle of the disparity, which is not the middle of
-the pixel when depth was filtered. So this is another rule, for narrow ramps only: what is wider than filters
-make is left alone.
+Method: ramp detection along four directions. A ramp of at most three pixels between two surfaces, steeper
+    than
+both, is replaced by the value of the surface with the larger coverage, computed in the quantity that was
+filtered (depth or disparity). Wider ramps do not change. In contrast,
+:mod:`bokehnet.classical.layered.depth_discontinuities` measures edges in pixels of blur, which are unknown
+for a file, and splits them at the middle of the disparity, which is not the middle of the coverage if depth
+was filtered.
+
+In: disparity, relative or 1/mm, (H, W). Out: a map in the same unit.
 """
 
 from itertools import product
@@ -18,95 +23,95 @@ from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice, check_finite, check_map
 
-__all__ = ["repair_mixed", "share_of_mixed"]
+__all__ = ["mixed_pixel_fraction", "repair_mixed"]
 
-# Both sides of a step differ by more than this part of the map's range.
-_STEP = 0.01
+# Minimum difference of both surfaces, as a fraction of the range of the map.
+_MIN_EDGE = 0.01
 
-# Steps larger than this part of it tell whether a map is mixed at all; smaller ones may be slopes.
-_CLEAR_STEP = 0.05
+# Minimum difference for the mixed fraction of a map, likewise; smaller differences may be slopes.
+_MIN_CLEAR_EDGE = 0.05
 
-# Mixed pixels side by side that one edge makes at most: filters are up to four pixels wide.
-_WIDEST = 3
+# Maximum width of a ramp, pixels: pixel filters are up to four pixels wide.
+_MAX_RAMP_PX = 3
 
-# Every part of a step is this many times steeper than the surfaces on either side of it.
-_STEEPER = 2.0
+# Minimum ratio of the slopes of every part of a ramp and of the surfaces on both sides.
+_MIN_SLOPE_RATIO = 2.0
 
-# A pixel that differs from its surface by less than this part of the step is left alone: round things, such
-# as balls, turn away from the eye at their edges.
-_LEAST_CHANGE = 0.1
+# Minimum change of a pixel, as a fraction of the edge height: the surface of a round object, such as a ball,
+# recedes at its edges.
+_MIN_CHANGE = 0.1
 
-# Coverage of either side below which a pixel is not mixed, and change of it within a ramp from pixel to
-# pixel: two equal values side by side are a surface.
-_LEAST_SHARE = 0.02
+# Minimum decrease of coverage from pixel to pixel in a ramp: two equal adjacent values are a surface.
+_MIN_COVERAGE_STEP = 0.02
 
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def repair_mixed(disparity: NDArray[np.float32], *, filtered: str = "disparity") -> NDArray[np.float32]:
-    """Give each mixed pixel at a depth edge the value of the surface that covers more of it.
+    """Return the map with each mixed pixel set to the value of the surface that covers more of it.
 
-    A pixel is mixed when, along a row, a column or a diagonal, up to three pixels rise or fall from one
-    surface to another, every one of them between both, in a step that is steeper than the surfaces beside
-    it. So slopes stay, and so do thin things, which are nearer or farther than both of their sides.
+    A pixel is mixed if, along a row, a column or a diagonal, up to three pixels rise or fall monotonically
+    from one surface to another, and every part of this ramp is steeper than the surfaces on both sides.
+    Slopes do not change, nor do thin structures, which are nearer or farther than both of their sides.
 
     Args:
-        disparity: relative or 1/mm, (H, W), 0 is infinitely far, finite.
-        filtered: ``"depth"`` if the file held depth, ``"disparity"`` if it held disparity: the quantity
-            that is linear in coverage.
+        disparity: Finite map, relative or 1/mm, (H, W), 0 at infinity.
+        filtered: Quantity that is linear in coverage: ``"depth"`` if the file stored depth, ``"disparity"``
+            if it stored disparity.
 
     Returns:
-        A new map of the same shape; a pixel either keeps its value or takes one from its surroundings.
+        New map, (H, W); each value is the input or a value nearby.
 
     Raises:
-        ShapeError, ParameterError: not a finite map, or another ``filtered``.
+        ShapeError: The map is not (H, W).
+        ParameterError: The map is not finite, or ``filtered`` is unknown.
     """
     result = np.array(disparity, np.float32)
-    rows, columns, mixed, value = _find(disparity, filtered)
+    rows, columns, mixed, value = _detect(disparity, filtered)
     result[rows[mixed], columns[mixed]] = value[mixed]
     return result
 
 
-def share_of_mixed(disparity: NDArray[np.float32], *, filtered: str = "disparity") -> float:
-    """Tell how many of the pixels at clear depth edges are mixed.
+def mixed_pixel_fraction(disparity: NDArray[np.float32], *, filtered: str = "disparity") -> float:
+    """Return the fraction of mixed pixels among those at clear depth edges, 0 to 1.
 
-    Maps at pixel centres have about 0.01, filtered ones 0.2 and more; between both, 0.05 parts them.
+    Maps sampled at pixel centres have about 0.01, filtered maps 0.2 and more; 0.05 separates them.
 
     Args:
-        disparity: as for :func:`repair_mixed`.
-        filtered: as for :func:`repair_mixed`.
+        disparity: Finite map, relative or 1/mm, (H, W), 0 at infinity.
+        filtered: Quantity that is linear in coverage, as for :func:`repair_mixed`.
     """
-    rows, columns, mixed, _ = _find(disparity, filtered)
-    spans = _span(np.asarray(disparity, np.float64))[rows, columns]
-    clear = spans > _CLEAR_STEP * float(np.ptp(disparity))
+    rows, columns, mixed, _ = _detect(disparity, filtered)
+    ranges = _span(np.asarray(disparity, np.float64))[rows, columns]
+    clear = ranges > _MIN_CLEAR_EDGE * float(np.ptp(disparity))
     return float(mixed[clear].mean()) if clear.any() else 0.0
 
 
-def _find(
+def _detect(
     disparity: NDArray[np.float32], filtered: str
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_], NDArray[Any]]:
-    """Return rows and columns of the pixels beside edges, which are mixed, and what they should be."""
+    """Return rows and columns of pixels at edges, a mask of the mixed ones, and their corrected values."""
     check_map("disparity", disparity)
     check_finite("disparity", disparity)
     check_choice("filtered", filtered, ("disparity", "depth"))
     values = np.asarray(disparity, np.float64)
-    least = _STEP * float(np.ptp(values))
-    rows, columns = np.nonzero(_span(values) > least)
-    found = np.zeros(rows.size)
-    nearest = np.full(rows.size, np.inf)  # pixels from one surface to the other, on the best line so far
-    pairs = [(i, j) for i, j in product(range(1, _WIDEST + 1), repeat=2) if i + j <= _WIDEST + 1]
+    min_height = _MIN_EDGE * float(np.ptp(values))
+    rows, columns = np.nonzero(_span(values) > min_height)
+    corrected = np.zeros(rows.size)
+    ramp_length = np.full(rows.size, np.inf)  # pixels between the surfaces on the shortest ramp so far
+    pairs = [(i, j) for i, j in product(range(1, _MAX_RAMP_PX + 1), repeat=2) if i + j <= _MAX_RAMP_PX + 1]
     for (dy, dx), (i, j) in product(_DIRECTIONS, sorted(pairs, key=sum)):
         distance = (i + j) * np.hypot(dy, dx)
-        still = np.flatnonzero(nearest > distance)
-        line = _along(values, rows[still], columns[still], (dy, dx), (i + 1, j + 1))
-        mixed, value = _judge(line, i + 1, least, filtered)
-        found[still[mixed]] = value[mixed]
-        nearest[still[mixed]] = distance
-    return rows, columns, np.isfinite(nearest), found
+        candidates = np.flatnonzero(ramp_length > distance)
+        line = _lines_through(values, rows[candidates], columns[candidates], (dy, dx), (i + 1, j + 1))
+        mixed, value = _classify(line, i + 1, min_height, filtered)
+        corrected[candidates[mixed]] = value[mixed]
+        ramp_length[candidates[mixed]] = distance
+    return rows, columns, np.isfinite(ramp_length), corrected
 
 
 def _span(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the difference of largest and smallest value in the 3x3 window of each pixel."""
+    """Return the range of values in the 3x3 window of each pixel."""
     low = high = values
     for axis in (0, 1):
         padded = np.pad(low, [(int(a == axis), int(a == axis)) for a in (0, 1)], "edge")
@@ -116,7 +121,7 @@ def _span(values: NDArray[Any]) -> NDArray[Any]:
     return high - low
 
 
-def _along(
+def _lines_through(
     values: NDArray[Any],
     rows: NDArray[np.intp],
     columns: NDArray[np.intp],
@@ -132,24 +137,24 @@ def _along(
     ]
 
 
-def _judge(
-    line: NDArray[Any], centre: int, least: float, filtered: str
+def _classify(
+    line: NDArray[Any], centre: int, min_height: float, filtered: str
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Tell which pixels are mixed, and the value of the surface that covers more of each.
+    """Return which pixels are mixed, and the value of the surface that covers more of each.
 
-    The first two and the last two values of each line are the surfaces on either side, what stands between
-    is the ramp with the pixel at ``centre``.
+    The first two and the last two values of each line are the surfaces on both sides; the values between are
+    the ramp with the pixel at index ``centre``.
     """
     first, last = line[:, 1], line[:, -2]
-    parts = np.diff(line, axis=1)  # of the step, from pixel to pixel, and of the surfaces at both ends
-    slope = np.maximum(np.abs(parts[:, 0]), np.abs(parts[:, -1]))
-    steep = np.abs(parts[:, 1:-1]).min(axis=1) > _STEEPER * slope
-    # Depth 0 stands for no disparity at all; a tiny disparity keeps infinity out of the arithmetic.
+    slopes = np.diff(line, axis=1)  # slopes of the ramp, and of the surfaces at both ends
+    surface_slope = np.maximum(np.abs(slopes[:, 0]), np.abs(slopes[:, -1]))
+    steep = np.abs(slopes[:, 1:-1]).min(axis=1) > _MIN_SLOPE_RATIO * surface_slope
+    # The lower bound avoids infinite depth at disparity 0.
     linear = 1 / np.maximum(line, 1e-30) if filtered == "depth" else line
-    with np.errstate(divide="ignore", invalid="ignore"):  # where there is no step
-        share = (linear - linear[:, -2:-1]) / (linear[:, 1:2] - linear[:, -2:-1])  # 1 first to 0 last
-        falling = (np.diff(share[:, 1:-1], axis=1) < -_LEAST_SHARE).all(axis=1)
-    step = np.abs(first - last)
-    surface = np.where(share[:, centre] > 0.5, first, last)
-    away = np.abs(line[:, centre] - surface) > _LEAST_CHANGE * step
-    return steep & falling & away & (step > least), surface
+    with np.errstate(divide="ignore", invalid="ignore"):  # both surfaces are equal
+        coverage = (linear - linear[:, -2:-1]) / (linear[:, 1:2] - linear[:, -2:-1])  # from 1 to 0
+        falling = (np.diff(coverage[:, 1:-1], axis=1) < -_MIN_COVERAGE_STEP).all(axis=1)
+    height = np.abs(first - last)
+    surface = np.where(coverage[:, centre] > 0.5, first, last)
+    differs = np.abs(line[:, centre] - surface) > _MIN_CHANGE * height
+    return steep & falling & differs & (height > min_height), surface

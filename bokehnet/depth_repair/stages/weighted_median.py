@@ -1,12 +1,14 @@
-"""Steps of a map put where the picture's colours part: pixels take the disparity of those that look alike.
+"""Weighted median: move the soft edges of a map to the colour edges of its picture.
 
-A step that the map shows as a ramp was placed by nobody: halfway up is a guess. Around such pixels the
-picture tells more. Each takes the median of the disparities around it, weighted by how much their colours
-are like its own; a second pass over fewer pixels smooths what the first left rough, and a third, which cares
-less for colours, takes out what stands alone.
+The position of an edge inside a ramp is unknown, and the middle is only a guess; the picture has more
+information.
 
-Source: Ma, He, Wei, Sun and Wu, "Constant time weighted median filtering for stereo matching and beyond",
-ICCV 2013, for the median guided by a picture. Where it is used is ours.
+Method: weighted median filter (Ma, He, Wei, Sun and Wu, "Constant time weighted median filtering for stereo
+matching and beyond", ICCV 2013). Each pixel on a ramp becomes the median of the disparities in its window,
+weighted by the similarity of colours. A second pass in a smaller window smooths the edges; a third pass, with
+a larger colour tolerance, removes isolated pixels. The restriction to ramps is ours.
+
+In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit. Out: the map in the same unit.
 """
 
 import math
@@ -16,96 +18,106 @@ from numba import prange
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.stages.edge_sharpening import SLOPE_HALO, STEP, extremes, on_slopes, with_halo
+from bokehnet.depth_repair.stages.edge_sharpening import (
+    MIN_EDGE_HEIGHT,
+    SLOPE_HALO_PX,
+    extend_rows,
+    local_extremes,
+    slope_mask,
+)
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
-__all__ = ["settle_soft_steps", "soft_steps"]
+__all__ = ["blurred_edge_mask", "snap_blurred_edges"]
 
-# Passes: half width of the window, pixels, and deviation of colours that look alike, of encoded values, all
-# three together. The last takes out what stands alone.
+# Passes: half width of the window, pixels, and standard deviation of encoded colours, Euclidean distance of
+# three channels.
 _PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
 
-# Levels between the lowest and the highest disparity around, in which the median is found.
-_LEVELS = 24
+# Number of histogram bins between the lowest and the highest disparity in a window, for the median.
+_BINS = 24
 
-# Between the extremes, in shares of the step, from which on a pixel stands on a ramp; half the width of the
-# window for those, and by how much ramps are made wider.
-_BETWEEN, _RAMP, _AROUND = 0.15, 3, 2
+# Ramps: minimum distance from both extremes, as a fraction of the edge height; half width of the window for
+# the extremes, pixels; dilation of ramps, pixels.
+_MIN_DISTANCE_FROM_EXTREMES, _RAMP_RADIUS_PX, _DILATION_PX = 0.15, 3, 2
 
 
-def soft_steps(disparity: np.ndarray) -> np.ndarray:
-    """Where the steps of a map (H, W) are ramps, (H, W) bool."""
-    least = STEP * float(np.ptp(disparity))
+def blurred_edge_mask(disparity: np.ndarray) -> np.ndarray:
+    """Return the pixels on and near ramps of a map, (H, W), bool.
+
+    Args:
+        disparity: Map, (H, W), any unit.
+    """
+    min_height = MIN_EDGE_HEIGHT * float(np.ptp(disparity))
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, SLOPE_HALO + _AROUND)
+        window, inner = extend_rows(rows, SLOPE_HALO_PX + _DILATION_PX)
         values = disparity[window]
-        low, high = extremes(values, _RAMP)
-        between = np.minimum(high - values, values - low) > _BETWEEN * (high - low)
-        ramps = between & (high - low > least)
-        ramps &= ~on_slopes(values, ramps)
-        found: np.ndarray = extremes(ramps.astype(np.uint8), _AROUND)[1][inner] > 0
-        return found
+        low, high = local_extremes(values, _RAMP_RADIUS_PX)
+        between = np.minimum(high - values, values - low) > _MIN_DISTANCE_FROM_EXTREMES * (high - low)
+        ramps = between & (high - low > min_height)
+        ramps &= ~slope_mask(values, ramps)
+        dilated: np.ndarray = local_extremes(ramps.astype(np.uint8), _DILATION_PX)[1][inner] > 0
+        return dilated
 
     return make_in_row_blocks(make, disparity.shape, np.bool_)
 
 
 @njit(cache=True, parallel=True)
-def _settle(colors, disparity, soft, least, reach, alike, result):  # type: ignore[no-untyped-def]
-    """Fill ``result`` with the weighted medians at soft pixels, and with the map elsewhere."""
+def _weighted_medians(colors, disparity, soft, min_height, radius, color_sigma, result):  # type: ignore[no-untyped-def]
+    """Fill ``result`` with weighted medians at soft pixels and with the map elsewhere."""
     height, width = disparity.shape
-    sharpness = -0.5 / (alike * alike)
+    color_factor = -0.5 / (color_sigma * color_sigma)
     for y in prange(height):
-        weights, sums = np.empty(_LEVELS), np.empty(_LEVELS)
+        weights, sums = np.empty(_BINS), np.empty(_BINS)
         for x in range(width):
             result[y, x] = disparity[y, x]
             if not soft[y, x]:
                 continue
-            top, bottom = max(0, y - reach), min(height, y + reach + 1)
-            left, right = max(0, x - reach), min(width, x + reach + 1)
+            top, bottom = max(0, y - radius), min(height, y + radius + 1)
+            left, right = max(0, x - radius), min(width, x + radius + 1)
             low = high = disparity[y, x]
             for v in range(top, bottom):
                 for u in range(left, right):
                     low, high = min(low, disparity[v, u]), max(high, disparity[v, u])
-            if high - low <= least:
+            if high - low <= min_height:
                 continue
             weights[:], sums[:] = 0.0, 0.0
-            scale, total = (_LEVELS - 1e-3) / (high - low), 0.0
+            scale, total = (_BINS - 1e-3) / (high - low), 0.0
             for v in range(top, bottom):
                 for u in range(left, right):
-                    away = 0.0
+                    distance_squared = 0.0
                     for c in range(3):
-                        away += (colors[v, u, c] - colors[y, x, c]) ** 2
-                    weight = math.exp(sharpness * away)
-                    level = int((disparity[v, u] - low) * scale)
-                    weights[level] += weight
-                    sums[level] += weight * disparity[v, u]
+                        distance_squared += (colors[v, u, c] - colors[y, x, c]) ** 2
+                    weight = math.exp(color_factor * distance_squared)
+                    index = int((disparity[v, u] - low) * scale)
+                    weights[index] += weight
+                    sums[index] += weight * disparity[v, u]
                     total += weight
-            passed = 0.0
-            for level in range(_LEVELS):
-                passed += weights[level]
-                if passed >= 0.5 * total:
-                    result[y, x] = sums[level] / weights[level]
+            cumulative = 0.0
+            for index in range(_BINS):
+                cumulative += weights[index]
+                if cumulative >= 0.5 * total:
+                    result[y, x] = sums[index] / weights[index]
                     break
 
 
-def settle_soft_steps(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:
-    """Give the pixels of soft steps the disparity of what looks like them.
+def snap_blurred_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:
+    """Return the map with weighted medians at soft edges.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
-        disparity: With steps made sharp, (H, W), float32.
-        soft: Where steps were ramps, (H, W) bool.
-        span: Of the whole map.
+        disparity: Map with sharpened edges, (H, W), float32, any unit.
+        soft: Pixels on ramps of the input, (H, W), bool.
+        span: Range of the whole map, in its unit.
 
     Returns:
-        (H, W), float32; within what the map holds around each pixel.
+        Map, (H, W), float32; each value lies within the range of its window.
     """
     colors = np.asarray(encode(image), np.float32)
     with parallel_region:
-        for reach, alike in _PASSES:
+        for radius, color_sigma in _PASSES:
             result = np.empty_like(disparity)
-            _settle(colors, disparity, soft, STEP * span, reach, alike, result)
+            _weighted_medians(colors, disparity, soft, MIN_EDGE_HEIGHT * span, radius, color_sigma, result)
             disparity = result
     return disparity

@@ -10,17 +10,19 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra cuda")
 
-from bokehnet.classical.cuda.march import why_no_rays
+from bokehnet.classical.cuda.march import cuda_rays_unavailable_reason
 from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
 from bokehnet.classical.cuda.renderers import make_on_cuda
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs
 from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
 from bokehnet.classical.layered.march.ray_marching import SETS
 from bokehnet.classical.rays_renderer import Device, render_rays
-from bokehnet.classical.torch.device_scatter import scatter_on, why_no_cuda
+from bokehnet.classical.torch.device_scatter import cuda_unavailable_reason, scatter_on
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
 
-no_cuda = pytest.mark.skipif(bool(why_no_cuda() or why_no_rays()), reason="needs a CUDA device")
+no_cuda = pytest.mark.skipif(
+    bool(cuda_unavailable_reason() or cuda_rays_unavailable_reason()), reason="needs a CUDA device"
+)
 
 
 def scene(height: int = 72, width: int = 88) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +109,7 @@ wanted = render_rays(image, 0.5 * defocus, rays_factor=0.125).bokeh
 march = CudaMarch()
 device = Device(scatter_on("cpu"), march)
 found = render_rays(image, 0.5 * defocus, rays_factor=0.125, device=device).bokeh
-print(decibels(found, wanted), len(march._there))
+print(decibels(found, wanted), len(march._arrays))
 """
 
 
@@ -153,4 +155,4 @@ def test_the_device_frees_the_picture_with_the_host():
 
     march = CudaMarch()
     render_rays(*scene(), device=Device(scatter_on("cuda"), march))
-    assert march._there == ()
+    assert march._arrays == ()

@@ -14,7 +14,7 @@ from bokehnet.depth_repair.edge_profile import (
     edge_profile,
     find_depth_edges,
 )
-from bokehnet.depth_repair.map_offset import move_map
+from bokehnet.depth_repair.map_offset import translate_map
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
@@ -23,18 +23,18 @@ from tests.unit.depth_repair.test_map_offset import textured
 
 
 def picture(truth: np.ndarray) -> np.ndarray:
-    """Scene-linear picture (3, H, W) whose colours tell near from far, with some texture."""
+    """Return a textured picture with different colours near and far, scene-linear (3, H, W)."""
     return textured(truth).transpose(2, 0, 1)
 
 
 def noise(seed: int, shape: tuple[int, ...] = (3, 200, 320)) -> np.ndarray:
-    """Scene-linear texture without edges, (3, H, W)."""
+    """Return texture without edges, scene-linear (3, H, W)."""
     values = gaussian_filter(np.random.default_rng(seed).standard_normal(shape), (0, 1, 1))
     return (0.3 * np.exp(0.4 * values / values.std())).astype(np.float32)
 
 
 def discs(radius: float, height: int = 200, width: int = 320) -> np.ndarray:
-    """Map of near discs of that radius, 64 pixels apart."""
+    """Return a map of near discs with a radius in pixels, 64 pixels apart, (H, W)."""
     y, x = np.mgrid[:height, :width]
     return (np.hypot(y % 64 - 32, x % 64 - 32) < radius).astype(np.float32)
 
@@ -50,12 +50,12 @@ def test_depth_edges_lie_on_a_circle_with_normals_to_its_centre():
     inward = -(edges.normals[0] * down + edges.normals[1] * right) / distance
     assert inward.min() > 0.95
     assert_allclose(np.hypot(*edges.normals), 1, atol=1e-5)
-    # A circle of digital pixels has between 8 r / sqrt(2) and 8 r of them.
+    # A digital circle has between 8 r / sqrt(2) and 8 r pixels.
     assert 8 * 35 / np.sqrt(2) < len(edges.slopes) < 8 * 35
 
 
 @pytest.mark.parametrize("pixels", range(-4, 5))
-def test_offset_is_the_number_of_pixels_by_which_near_things_grow(pixels):
+def test_the_offset_equals_the_growth_of_near_discs(pixels):
     """Authority: the radius of the discs."""
     profile = edge_profile(picture(discs(24)), find_depth_edges(discs(24 + pixels)))
     assert abs(profile.offset - pixels) < 0.5
@@ -69,9 +69,9 @@ def test_offset_is_the_number_of_pixels_by_which_near_things_grow(pixels):
 def test_profiles_do_not_depend_on_the_unit_of_the_map(scale):
     """A negative scale exchanges near and far: offsets change their sign."""
     truth = blobs()
-    given = shift_edges(truth, 2)
-    plain = edge_profile(picture(truth), find_depth_edges(given))
-    scaled = edge_profile(picture(truth), find_depth_edges((scale * given + 3).astype(np.float32)))
+    shifted = shift_edges(truth, 2)
+    plain = edge_profile(picture(truth), find_depth_edges(shifted))
+    scaled = edge_profile(picture(truth), find_depth_edges((scale * shifted + 3).astype(np.float32)))
     assert_allclose(scaled.offset, np.sign(scale) * plain.offset, atol=0.1)
     assert_allclose(scaled.certainty, plain.certainty, rtol=0.1)
 
@@ -136,7 +136,7 @@ def test_shifts_need_a_certain_profile_of_their_direction_and_reach_no_further(
 def test_translations_of_the_map_are_accepted_and_no_others(offset):
     """Authority: the translation that the map has undergone."""
     truth = blobs()
-    image, edges = picture(truth), find_depth_edges(move_map(truth, offset))
+    image, edges = picture(truth), find_depth_edges(translate_map(truth, offset))
     back = (-offset[0], -offset[1])
     assert accepted_offset(image, edges, back) == back
     assert accepted_offset(image, edges, offset) == (0, 0)
@@ -145,7 +145,7 @@ def test_translations_of_the_map_are_accepted_and_no_others(offset):
 
 def test_a_wrong_component_of_a_translation_is_left_out():
     truth = blobs()
-    edges = find_depth_edges(move_map(truth, (0, 3)))
+    edges = find_depth_edges(translate_map(truth, (0, 3)))
     assert accepted_offset(picture(truth), edges, (4, -3)) == (0, -3)
 
 

@@ -8,7 +8,7 @@ import pytest
 from numba import typeof
 from numba.core.registry import cpu_target
 
-from bokehnet.precompiled.arguments import Unknown, c_types, describe, flatten
+from bokehnet.precompiled.arguments import UnsupportedArgument, c_types, describe, flatten
 
 
 class Pair(NamedTuple):
@@ -83,7 +83,7 @@ def test_arrays_are_handed_over_with_place_shape_and_strides():
     ids=repr,
 )
 def test_all_else_is_left_to_the_compiler(value):
-    with pytest.raises(Unknown):
+    with pytest.raises(UnsupportedArgument):
         describe(value)
-    with pytest.raises(Unknown):
+    with pytest.raises(UnsupportedArgument):
         describe((1, value))

@@ -126,11 +126,11 @@ def test_extensions_of_numba_count_with_their_whole_module(key_of, monkeypatch):
     before = key_of(text)
     other = compile("def another():\n    return 1\n", "double4.py", "exec")
     monkeypatch.setattr(type(double4.__spec__.loader), "get_code", lambda self, name: other)
-    module._own_words.cache_clear()
+    module._own_content.cache_clear()
     try:
         assert key_of(text) != before
     finally:
-        module._own_words.cache_clear()
+        module._own_content.cache_clear()
 
 
 def test_kernels_of_the_package_have_keys():

@@ -1,4 +1,4 @@
-"""Kernels that are compiled ahead: types are those of numba, and what cannot be compiled is left out."""
+"""Precompiled kernels: argument types equal those of numba, and kernels that fail to compile are reported."""
 
 import json
 
@@ -36,12 +36,12 @@ BINS = DefocusBins(*[np.zeros((2, 2), kind) for kind in (np.uint64, bool, np.uin
     ],
     ids=describe,
 )
-def test_descriptions_give_numbas_own_types(value):
+def test_descriptions_map_to_the_types_of_numba(value):
     """Authority: ``numba.typeof``."""
     assert argument_types(f"({describe(value)})") == (typeof(value),)
 
 
-def test_what_cannot_be_compiled_is_left_to_numba_with_a_line_each(tmp_path):
+def test_kernels_that_fail_to_compile_are_reported_and_left_to_numba(tmp_path):
     signatures = [
         ("error_map._of_another_name", "(f4[2C])"),
         ("of_another_name._cover_discs", "(f4[2C])"),
@@ -55,7 +55,7 @@ def test_what_cannot_be_compiled_is_left_to_numba_with_a_line_each(tmp_path):
 
 
 def test_short_names_of_listed_modules_are_unique():
-    """A module is found by its last component, wherever its package is."""
+    """The build finds a module by its last component, so that moved packages keep their entries."""
     stems = [
         path.stem for path in PACKAGE.rglob("*.py") if "bokehnet.kernels import" in path.read_text("utf-8")
     ]

@@ -53,18 +53,18 @@ def test_a_kernel_is_found_for_its_types_alone(built):
     assert library.find(error_map._sum_rows, ARRAYS, built) is None
 
 
-def test_contiguous_arrays_run_code_that_was_made_for_any_strides():
+def test_contiguous_arrays_use_code_for_any_strides():
     entries = ["(i8[1A],f4[2C],i8)", "(f8[1C])"]
-    assert library._fitting("(i8[1C],f4[2C],i8)", entries) == entries[0]
-    assert library._fitting("(i8[1A],f4[2A],i8)", entries) is None
-    assert library._fitting("(i8[2C],f4[2C],i8)", entries) is None
-    assert library._fitting("(i8[1Cr],f4[2C],i8)", entries) is None
-    assert library._fitting("(i8[1C],f4[2C],f8)", entries) is None
+    assert library._matching_entry("(i8[1C],f4[2C],i8)", entries) == entries[0]
+    assert library._matching_entry("(i8[1A],f4[2A],i8)", entries) is None
+    assert library._matching_entry("(i8[2C],f4[2C],i8)", entries) is None
+    assert library._matching_entry("(i8[1Cr],f4[2C],i8)", entries) is None
+    assert library._matching_entry("(i8[1C],f4[2C],f8)", entries) is None
 
 
 @packed
 @pytest.mark.parametrize("many", [0, 1, 2])
-def test_a_picture_with_any_number_of_hidden_pixels_is_left_to_nobody_else(many, monkeypatch):
+def test_any_number_of_occluded_pixels_runs_precompiled(many, monkeypatch):
     found = []
     monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: found.append(self.name)))
     image, defocus = np.full((24, 24, 3), 0.5, np.float32), np.zeros((24, 24), np.float32)
@@ -92,17 +92,17 @@ def edited():
     KERNELS.update(before)
 
 
-def test_a_kernel_whose_code_was_edited_goes_to_the_compiler(built, edited):
+def test_a_kernel_with_edited_code_is_left_to_numba(built, edited):
     assert library.find(edited(COVER, "x + half + 1", "x + half + 2"), ARRAYS, built) is None
 
 
-def test_a_kernel_whose_docstring_was_edited_runs_its_machine_code(built, edited):
-    kernel = edited(COVER, '"""How many more discs', '"""Count how many more discs')
+def test_a_kernel_with_an_edited_docstring_uses_its_machine_code(built, edited):
+    kernel = edited(COVER, '"""Return the number of discs', '"""Count the discs')
     assert library.find(kernel, ARRAYS, built) is not None
 
 
 @pytest.mark.parametrize("variable", [library.OFF, "NUMBA_DISABLE_JIT"])
-def test_the_compiler_can_be_asked_for(built, monkeypatch, variable):
+def test_an_environment_variable_disables_the_library(built, monkeypatch, variable):
     monkeypatch.setenv(variable, "1")
     assert library.find(COVER, ARRAYS, built) is None
 
@@ -119,7 +119,7 @@ def changed(folder: Path, **changes) -> None:
     path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | changes), "utf-8")
 
 
-def test_a_copy_is_as_good(copies):
+def test_a_copy_of_the_library_is_used(copies):
     assert library.find(COVER, ARRAYS, copies) is not None
 
 
@@ -134,7 +134,7 @@ def test_a_copy_is_as_good(copies):
     ],
     ids=lambda changes: next(iter(changes)),
 )
-def test_what_was_made_for_other_machines_or_versions_is_ignored(copies, changes):
+def test_libraries_for_other_machines_or_versions_are_ignored(copies, changes):
     changed(copies, **changes)
     assert library.find(COVER, ARRAYS, copies) is None
 

@@ -250,7 +250,7 @@ def test_size_of_the_batches_does_not_matter(device, name, monkeypatch):
     values, defocus = scene(31, 40, 30.0, np.float32)
     results = []
     for at_once in (1 << 21, 1000, 20):
-        monkeypatch.setattr(scanline_spans, "_AT_ONCE", at_once)
+        monkeypatch.setattr(scanline_spans, "_SPANS_PER_BATCH", at_once)
         inputs = tensors(device, values, defocus)
         sums = scatter_levels(*inputs, SHAPES[name])
         sums.square().sum().backward()

@@ -1,11 +1,11 @@
-"""Soft steps made sharp."""
+"""Sharpening of soft edges. Authority: the map before blurring."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.depth_repair.stages.edge_sharpening import on_slopes, repair_soft_edges, soft_edge_fraction
+from bokehnet.depth_repair.stages.edge_sharpening import repair_soft_edges, slope_mask, soft_edge_fraction
 
 
 def disc(size: int = 80) -> np.ndarray:
@@ -15,8 +15,8 @@ def disc(size: int = 80) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("sigma", "softness"), [(1.0, 0.15), (2.0, 0.4), (3.0, 0.6)])
-def test_a_blurred_step_comes_back_where_it_was(sigma, softness):
-    """A symmetric blur leaves the middle of a straight step in place, and moves a curved one by little."""
+def test_a_blurred_edge_is_restored_in_place(sigma, softness):
+    """A symmetric blur keeps the middle of a straight edge and hardly moves that of a curved one."""
     soft = gaussian_filter(disc(), sigma, mode="nearest")
     wrong = np.abs(repair_soft_edges(soft) - disc()) > 0.4
     assert wrong.sum() < 0.15 * (np.abs(soft - disc()) > 0.1).sum()
@@ -24,7 +24,7 @@ def test_a_blurred_step_comes_back_where_it_was(sigma, softness):
     assert soft_edge_fraction(repair_soft_edges(soft)) < 0.1
 
 
-def test_sharp_steps_and_slopes_stay_as_they_are():
+def test_sharp_edges_and_slopes_do_not_change():
     assert_array_equal(repair_soft_edges(disc()), disc())
     slope = np.broadcast_to(np.linspace(0, 1, 200, dtype=np.float32), (50, 200))
     assert_array_equal(repair_soft_edges(slope), slope)
@@ -33,12 +33,12 @@ def test_sharp_steps_and_slopes_stay_as_they_are():
 
 
 @pytest.mark.parametrize("length", [40, 60])
-def test_a_slope_as_steep_as_a_soft_step_stays_while_the_step_is_made_sharp(length):
-    """A wall that runs towards the camera spans many steps within a few pixels, but goes on."""
+def test_an_edge_is_sharpened_beside_an_equally_steep_slope_that_does_not_change(length):
+    """A wall towards the camera rises as much as an edge within a few pixels, but continues."""
     wall = np.broadcast_to(np.linspace(0, 1, length, dtype=np.float32), (60, length))
     y = np.arange(60)[:, None]
-    true = np.where(y < 30, wall, 0.0).astype(np.float32)
-    soft = gaussian_filter(true, 2.0, mode="nearest")
+    truth = np.where(y < 30, wall, 0.0).astype(np.float32)
+    soft = gaussian_filter(truth, 2.0, mode="nearest")
     sharp = repair_soft_edges(soft)
     assert_array_equal(sharp[:15, 8:-8], soft[:15, 8:-8])
     right = np.s_[20:40, length // 2 : -8]
@@ -47,8 +47,8 @@ def test_a_slope_as_steep_as_a_soft_step_stays_while_the_step_is_made_sharp(leng
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_slopes_are_told_from_ramps(axis):
-    """Steps that a Gaussian of 4 pixels or a ramp of 10 has made soft are no slopes, in both directions."""
+def test_slopes_and_ramps_are_distinguished(axis):
+    """Edges blurred by a Gaussian of 4 pixels or a ramp of 10 pixels are not slopes, along both axes."""
     x = np.arange(-40.0, 41.0)
     for profile, expected in (
         (0.02 * x, True),
@@ -58,18 +58,18 @@ def test_slopes_are_told_from_ramps(axis):
     ):
         values = np.moveaxis(np.broadcast_to(profile.astype(np.float32), (30, 81)), 1, axis)
         near_middle = np.moveaxis(np.broadcast_to(np.abs(x) < 4, (30, 81)), 1, axis)
-        found = on_slopes(values, near_middle)
-        assert_array_equal(found, near_middle & expected)
+        is_slope = slope_mask(values, near_middle)
+        assert_array_equal(is_slope, near_middle & expected)
 
 
-def test_unit_and_offset_pass_through():
+def test_sharpening_commutes_with_unit_and_offset():
     soft = gaussian_filter(disc(), 2.0)
     assert_allclose(repair_soft_edges(30 * soft - 4), 30 * repair_soft_edges(soft) - 4, rtol=1e-4)
     assert soft_edge_fraction(30 * soft - 4) == pytest.approx(soft_edge_fraction(soft), abs=0.01)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 2)])
-def test_any_size(shape):
+def test_maps_of_any_size(shape):
     values = np.random.default_rng(0).random(shape, dtype=np.float32)
     assert repair_soft_edges(values).shape == shape
     assert 0 <= soft_edge_fraction(values) <= 1

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
+from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.errors import ParameterError, ShapeError
 
 NEAR, FAR = 1.0, 0.1  # 1/m
 
 
 def edge(coverage, filtered, far=FAR, width=24):
-    """A vertical edge: near left, far right, and between both pixels that the near side covers so much."""
+    """Return a vertical edge, near on the left, with mixed pixels of some coverage between both sides."""
     row = np.concatenate([np.ones(width // 2), np.atleast_1d(coverage), np.zeros(width // 2)])
     row = 1 / (row / NEAR + (1 - row) / far) if filtered == "depth" else row * NEAR + (1 - row) * far
     return np.tile(row, (10, 1)).astype(np.float32)
@@ -17,10 +17,10 @@ def edge(coverage, filtered, far=FAR, width=24):
 
 @pytest.mark.parametrize("filtered", ["disparity", "depth"])
 @pytest.mark.parametrize("coverage", [[0.2], [0.45], [0.55], [0.85], [0.75, 0.25], [0.9, 0.55, 0.2]])
-def test_a_mixed_pixel_goes_to_the_side_that_covers_more_of_it(filtered, coverage):
+def test_a_mixed_pixel_gets_the_value_of_the_side_with_more_coverage(filtered, coverage):
     """Formula: the quantity that was filtered is linear in coverage; the majority is the rounded coverage.
 
-    What is left alone is within a tenth of the step.
+    Pixels that do not change are within a tenth of the edge height.
     """
     repaired = repair_mixed(edge(coverage, filtered), filtered=filtered)
     assert_allclose(repaired, edge(np.round(coverage), filtered), rtol=0, atol=0.1 * (NEAR - FAR))
@@ -37,30 +37,30 @@ def test_edges_of_every_direction_are_repaired(direction):
     assert set(np.unique(inner)) <= {np.float32(NEAR), np.float32(FAR)}
 
 
-def test_sky_may_be_very_far():
-    """Depth mixed with a sky at 1e10 m is nearly sky in disparity, however much the near side covers."""
+def test_mixed_pixels_at_a_very_far_sky_are_repaired():
+    """Depth mixed with a sky at 1e10 m is nearly sky in disparity at any coverage."""
     mixed = edge([0.8], "depth", far=1e-10)
     assert mixed[0, 12] < 1e-9
     assert_array_equal(repair_mixed(mixed, filtered="depth"), edge([1.0], "disparity", far=1e-10))
 
 
-def test_sky_may_be_infinitely_far():
-    """An average with infinity is infinite, so what is finite beside it is a surface."""
+def test_mixed_pixels_at_an_infinitely_far_sky_are_repaired():
+    """An average with infinity is infinite, so a finite value is a surface."""
     values = edge([0.8], "disparity", far=0.0)
     assert_array_equal(repair_mixed(values, filtered="depth"), values)
     assert_array_equal(repair_mixed(values), edge([1.0], "disparity", far=0.0))
 
 
 @pytest.mark.parametrize("filtered", ["disparity", "depth"])
-def test_slopes_stay(filtered):
+def test_slopes_do_not_change(filtered):
     y, x = np.mgrid[:40, :60]
     for slope in (0.001 * x + 0.2, 0.02 * x + 0.01 * y + 0.1, 0.1 + 0.9 / (1 + 0.2 * x)):
         values = slope.astype(np.float32)
         assert_array_equal(repair_mixed(values, filtered=filtered), values)
 
 
-def test_round_things_stay():
-    """A ball in front of a wall: its limb turns away within a pixel or two."""
+def test_round_objects_hardly_change():
+    """The surface of a ball recedes at its silhouette within one or two pixels."""
     y, x = np.mgrid[:64, :64] - 31.5
     ball = 0.5 + 0.3 * np.sqrt(np.clip(1 - (x**2 + y**2) / 24**2, 0, None))
     values = np.where(x**2 + y**2 < 24**2, ball, 0.3).astype(np.float32)
@@ -69,47 +69,47 @@ def test_round_things_stay():
 
 
 @pytest.mark.parametrize("width", [1, 2, 3])
-def test_thin_things_stay_even_where_they_cover_half_a_pixel(width):
+def test_thin_structures_do_not_change(width):
     for value in (NEAR, 0.6, FAR / 2):
         values = np.full((20, 30), 0.3, np.float32)
         values[:, 12 : 12 + width] = value
         assert_array_equal(repair_mixed(values), values)
 
 
-def test_a_surface_of_two_pixels_between_near_and_far_stays():
+def test_a_surface_of_two_pixels_between_near_and_far_does_not_change():
     values = edge([0.5, 0.5], "disparity")
     assert_array_equal(repair_mixed(values), values)
 
 
-def test_wide_ramps_are_left_to_others():
+def test_wide_ramps_do_not_change():
     values = edge(np.linspace(0.9, 0.1, 8), "disparity")
     assert_array_equal(repair_mixed(values), values)
 
 
-def test_every_value_is_one_of_the_map():
+def test_every_value_occurs_in_the_input():
     values = np.random.default_rng(0).random((30, 40)).astype(np.float32)
     repaired = repair_mixed(values)
     assert repaired.shape == values.shape
     assert np.isin(repaired, values).all()
 
 
-def test_the_share_tells_filtered_maps_from_others():
+def test_the_mixed_fraction_separates_filtered_maps_from_others():
     y, x = np.mgrid[:240, :240] / 4
     fine = np.where((x - 30) ** 2 + (y - 30) ** 2 < 20**2, NEAR, FAR + 0.001 * y)
     at_centres = fine[2::4, 2::4].astype(np.float32)
     filtered = fine.reshape(60, 4, 60, 4).mean((1, 3)).astype(np.float32)
-    assert share_of_mixed(at_centres) < 0.02
-    assert share_of_mixed(filtered) > 0.15
-    assert share_of_mixed(np.ones((5, 5), np.float32)) == 0
+    assert mixed_pixel_fraction(at_centres) < 0.02
+    assert mixed_pixel_fraction(filtered) > 0.15
+    assert mixed_pixel_fraction(np.ones((5, 5), np.float32)) == 0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2)])
-def test_small_maps_are_maps(shape):
+def test_small_maps_keep_their_shape(shape):
     values = np.linspace(0, 1, shape[0] * shape[1]).reshape(shape).astype(np.float32)
     assert repair_mixed(values).shape == shape
 
 
-def test_wrong_arguments_are_refused():
+def test_wrong_arguments_raise_errors():
     with pytest.raises(ShapeError):
         repair_mixed(np.zeros((2, 2, 3), np.float32))
     with pytest.raises(ParameterError, match="NaN or infin"):
@@ -118,7 +118,7 @@ def test_wrong_arguments_are_refused():
         repair_mixed(np.zeros((2, 2), np.float32), filtered="z")
 
 
-def test_depth_mixed_with_far_things_renders_closer_to_the_truth_when_repaired():
+def test_renders_of_repaired_depth_are_closer_to_the_truth():
     """Oracle: the same scene rendered from its true disparity at four times the resolution."""
     from bokehnet.render.renderer import BokehRenderer
 
