@@ -35,6 +35,7 @@ from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.classical.torch import autograd
 from bokehnet.classical.torch.device_scatter import scatter_on
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import Highlights
 from bokehnet.render.renderer import BokehRenderer
@@ -260,7 +261,7 @@ class Bench:
 
         def measure() -> dict[str, Any]:
             image, radii = scene(width, height, blur)
-            options: dict[str, Any] = {"rays_share": 0.125} if self.simulated else {}
+            options: dict[str, Any] = {"rays_factor": 0.125} if self.simulated else {}
             if changes in ("front", "behind"):
                 radii = np.abs(radii) if changes == "front" else -np.abs(radii)
             if changes == "lights":
@@ -298,7 +299,7 @@ class Bench:
         blur: float,
         engine: Any = "rays",
         aperture: Aperture | None = None,
-        **options: Any,
+        options: RenderOptions | None = None,
     ) -> None:
         """Add a whole renderer on arrays."""
         megapixels = width * height / 1e6
@@ -308,9 +309,14 @@ class Bench:
             device: Any = "cpu" if self.simulated else "cuda"
             start = time.perf_counter()
             there = partial(
-                BokehRenderer(engine, device=device, aperture=aperture).render, image, radii, **options
+                BokehRenderer(engine, device=device, aperture=aperture).render_arrays,
+                image,
+                radii,
+                options=options,
             )
-            here = partial(BokehRenderer(engine, aperture=aperture).render, image, radii, **options)
+            here = partial(
+                BokehRenderer(engine, aperture=aperture).render_arrays, image, radii, options=options
+            )
             found = there()
             first = time.perf_counter() - start
             row = agreement(found.bokeh, here().bokeh) | {"first_s": first}
@@ -392,7 +398,7 @@ def _first_calls(device: str) -> dict[str, float]:
     runs: dict[str, Callable[[], Any]] = {
         "scatter": lambda: scatter_on(device)(image, radii),
         "rays": lambda: render_rays(
-            image, radii, device=Device(scatter_on(device), CudaMarch()), rays_share=0.125
+            image, radii, device=Device(scatter_on(device), CudaMarch()), rays_factor=0.125
         ),
     }
     for name, run in runs.items():
@@ -428,8 +434,10 @@ def measure_all(bench: Bench, sizes: list[float]) -> None:
     bench.gradients("disc, float32", *wide, BLURS["usual"] * wide[0], APERTURES["disc"], torch.float32)
     blur = BLURS["usual"] * wide[0]
     bench.renderer("rays, cat's-eye", *wide, blur, aperture=APERTURES["cat's-eye"])
-    bench.renderer("rays, highlights", *wide, blur, highlights=Highlights())
-    bench.renderer("rays, in strips", *wide, blur, max_memory=round(100 * wide[0] * wide[1]))
+    bench.renderer("rays, highlights", *wide, blur, options=RenderOptions(highlights=Highlights()))
+    bench.renderer(
+        "rays, in strips", *wide, blur, options=RenderOptions(max_memory=round(100 * wide[0] * wide[1]))
+    )
     for size in sorted(large):
         _one_size(bench, size)
 

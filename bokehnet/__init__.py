@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # lazy names for type checkers
     from bokehnet.classical.rays_renderer import rays as rays
     from bokehnet.classical.scatter_renderer import scatter as scatter
     from bokehnet.depth_repair.repair import DisparityRepair as DisparityRepair
+    from bokehnet.engines.options import RenderOptions as RenderOptions
     from bokehnet.errors import BokehnetError as BokehnetError
     from bokehnet.io.image import read_image as read_image
     from bokehnet.io.image import write_image as write_image
@@ -72,6 +73,7 @@ _NAMES_BY_MODULE = {
     "bokehnet.classical.layered.layers": ("Layers", "split_layers"),
     "bokehnet.classical.rays_renderer": ("rays",),
     "bokehnet.classical.scatter_renderer": ("scatter",),
+    "bokehnet.engines.options": ("RenderOptions",),
     "bokehnet.errors": ("BokehnetError",),
     "bokehnet.depth_repair.repair": ("DisparityRepair",),
     "bokehnet.io.image": ("read_image", "write_image"),

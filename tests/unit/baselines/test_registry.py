@@ -137,7 +137,7 @@ def test_compare_runs_a_baseline_on_files(cli, tmp_path):
         }
     )
     (compared,) = compare_engines(read_scene(tmp_path / "in.exr", settings), settings, ["overlap"])
-    wanted = BokehRenderer("overlap").render(read_image(tmp_path / "in.exr"), defocus).bokeh
+    wanted = BokehRenderer("overlap").render_arrays(read_image(tmp_path / "in.exr"), defocus).bokeh
     assert np.abs(compared.bokeh - wanted).max() < 0.02
     words = ["compare", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--blur", 7.5, "--focus", 0.4]
     refused = cli(*words, "-o", tmp_path / "no.png", "--engines", "overlap", "--blades", 5)

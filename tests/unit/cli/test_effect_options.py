@@ -47,7 +47,7 @@ def test_options_are_the_effects_of_the_library(folder, cli, options, wanted):
     outcome = cli(*WORDS, *options, "-o", "out.exr", "--save-maps", "maps", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
-    plain = BokehRenderer("scatter").render(read_image("photo.png"), defocus).bokeh
+    plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
     bokeh = CameraEffects(**wanted).apply(plain)
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
@@ -83,7 +83,7 @@ def test_frames_have_a_grain_of_their_own_that_comes_back(folder, cli):
     first = [read_image(f"out.0{number}.exr") for number in (7, 8)]
     assert np.abs(first[0] - first[1]).max() > 0.02
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
-    plain = BokehRenderer("scatter").render(read_image("photo.png"), defocus).bokeh
+    plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
     wanted = CameraEffects(grain=Grain(iso=6400.0)).apply(plain, frame=8)
     assert_allclose(first[1], wanted, rtol=HALF, atol=1e-5)
 

@@ -10,6 +10,7 @@ from scipy.stats import spearmanr
 from bokehnet.arrays.pyramid import crop_to, upsample2
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import _enlarged
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.io.channels import read_channels
 from bokehnet.io.color.srgb import linear_to_srgb
@@ -21,7 +22,7 @@ from tests.unit.engines.test_coarse_to_fine import picture
 
 def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
     image, defocus = picture(31, 43, 5)
-    told = BokehRenderer("rays").render(image, defocus, expected_error=True)
+    told = BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(expected_error=True))
     told.save(tmp_path / "plain.exr")
     asked = replace(told, output=OutputSettings(expected_error="on"))
     asked.save(tmp_path / "told.exr")
@@ -36,7 +37,10 @@ def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
 def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
     image, defocus = picture(61, 83, 9)
     renderer = BokehRenderer(engine)
-    plain, told = renderer.render(image, defocus), renderer.render(image, defocus, expected_error=True)
+    plain, told = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(expected_error=True)),
+    )
     assert plain.expected_error is None
     assert_array_equal(told.bokeh, plain.bokeh)
     assert told.expected_error.shape == (61, 83)

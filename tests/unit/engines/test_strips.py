@@ -8,6 +8,7 @@ import pytest
 from bokehnet.classical.base import ALIGNED, Place
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -77,7 +78,10 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, lens_response=lens_response)
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
-    whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
+    whole, parts = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
+    )
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > bound
     assert np.abs(whole.error_map - parts.error_map).max() < 1e-3
     assert (parts.classical is None) == (engine == "hybrid")
@@ -85,15 +89,21 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
 
 def test_a_picture_that_fits_is_rendered_whole():
     image, defocus = tall_picture(128, 60)
-    whole = BokehRenderer("rays").render(image, defocus)
-    assert np.array_equal(whole.bokeh, BokehRenderer("rays").render(image, defocus, max_memory=2**30).bokeh)
+    whole = BokehRenderer("rays").render_arrays(image, defocus)
+    assert np.array_equal(
+        whole.bokeh,
+        BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(max_memory=2**30)).bokeh,
+    )
 
 
 def test_progress_counts_the_strips():
     image, defocus = tall_picture()
     calls: list[tuple[int, int]] = []
-    BokehRenderer("scatter").render(
-        image, defocus, lambda done, total: calls.append((done, total)), max_memory=2_830_000
+    BokehRenderer("scatter").render_arrays(
+        image,
+        defocus,
+        lambda done, total: calls.append((done, total)),
+        options=RenderOptions(max_memory=2_830_000),
     )
     assert calls[0][0] == 0
     assert calls[-1][0] == calls[-1][1] > 2
@@ -105,7 +115,7 @@ def test_too_little_memory_tells_how_much_it_takes():
     with pytest.raises(
         ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
     ):
-        BokehRenderer("rays").render(image, defocus, max_memory=1000)
+        BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(max_memory=1000))
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter", "fast"])
@@ -114,7 +124,10 @@ def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
     memory = 520 * image.shape[1] * CLASSICAL["rays" if engine == "rays" else "scatter"].bytes_per_pixel
-    whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
+    whole, parts = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
+    )
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 60
 
 
@@ -171,10 +184,10 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     renderer = BokehRenderer(engine)
     before = image.copy(), defocus.copy()
-    beside = renderer.render(image, defocus, max_memory=memory)
+    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert np.array_equal(image, before[0])
     assert np.array_equal(defocus, before[1])
-    over = renderer.render(image, defocus, max_memory=memory, overwrite=True)
+    over = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory, overwrite=True))
     assert over.bokeh is image
     assert over.error_map is defocus
     assert np.array_equal(over.bokeh, beside.bokeh)
@@ -187,8 +200,10 @@ def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
     before = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     renderer = BokehRenderer("fast")
-    beside = renderer.render(image, defocus, max_memory=memory)
-    over = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
+    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    over = renderer.render_arrays(
+        image, defocus, options=RenderOptions(max_memory=memory + defocus.nbytes, overwrite=True)
+    )
     assert over.bokeh is image
     assert np.array_equal(defocus, before)
     assert np.array_equal(over.bokeh, beside.bokeh)
@@ -200,7 +215,9 @@ def test_what_cannot_be_written_to_is_left_alone():
     defocus.flags.writeable = False
     before = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
-    result = BokehRenderer("scatter").render(image, defocus, max_memory=memory, overwrite=True)
+    result = BokehRenderer("scatter").render_arrays(
+        image, defocus, options=RenderOptions(max_memory=memory, overwrite=True)
+    )
     assert result.bokeh is image
     assert np.array_equal(defocus, before)
     assert result.error_map.max() > 0
