@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
@@ -148,6 +149,7 @@ def without_origin(frame: Frame) -> Frame:
     return replace(frame, _origin=None)
 
 
+@renamed_keywords(beside="extra_channels", wanted="output_format")
 def write_frame(
     path: Path | str,
     frame: Frame,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ParameterError
 from bokehnet.io.atomic import check_target
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace, convert
@@ -79,6 +80,7 @@ def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray
     return convert(image, space, like, out=image)
 
 
+@renamed_keywords(beside="extra_channels")
 def write_image(
     path: Path | str,
     image: NDArray[Any],
