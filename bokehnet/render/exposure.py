@@ -1,7 +1,6 @@
 """Exposure: blur of a focused scene by a lens, and the effects of the camera."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +10,7 @@ from bokehnet.effects import CameraEffects, View
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import supports_expected_error
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
@@ -86,9 +86,14 @@ def expose(
     window = scene.window
     place = Place(window.x, window.y, window.display_width, window.display_height)
     choice = scene.pixel_filter
-    lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
-    lens["pixel_filter"] = None if choice is None else choice.pixel_filter
-    lens["rays_factor"] = RAY_FRACTION if scene.supersampled > 1 else 1.0
+    lens = RenderOptions(
+        aperture=aperture,
+        lens_response=lens_response,
+        place=place,
+        pixel_filter=None if choice is None else choice.pixel_filter,
+        rays_factor=RAY_FRACTION if scene.supersampled > 1 else 1.0,
+        max_memory=max_memory,
+    )
     alpha, known = scene.alpha, scene.known
     lamps = lamps_of(image, defocus, settings)
     occluders = defocus.copy() if lamps is not None and overwrite and not keep else defocus
@@ -96,27 +101,24 @@ def expose(
     names |= tilt_parameter(settings)
     with errors_named_as("engine", names):
         if alpha is not None:
-            spread = lens | {"known": known and known.without_colors()}
-            alpha = _spread_coverage(engine, alpha, defocus, spread, max_memory, image.nbytes)
+            spread = replace(lens, known=known and known.without_colors())
+            alpha = _spread_coverage(engine, alpha, defocus, spread, image.nbytes)
         memory_in_use = memory.PROGRAM + image.nbytes + defocus.nbytes
         memory_in_use += defocus.nbytes if keep and overwrite else 0
         memory_in_use += 0 if overwrite else image.nbytes + defocus.nbytes
         memory_in_use += 0 if scene.alpha is None else 2 * defocus.nbytes
         memory_in_use += 0 if known is None else known.nbytes
-        rendered = engine.render(
-            image,
-            defocus,
-            report,
-            **lens,
+        options = replace(
+            lens,
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
-            max_memory=max_memory,
             memory_in_use=memory_in_use,
             overwrite=overwrite,
             known=known,
             layers=scene.layers,
             expected_error=_expects_error(settings, engine, lens_response),
         )
+        rendered = engine.render(image, defocus, report, options)
     factor = scene.supersampled
     if factor > 1:
         pixel_filter = DEFAULT_FILTER if choice is None else choice.specified_or_default
@@ -179,17 +181,12 @@ def tilt_parameter(settings: RenderSettings) -> dict[str, str]:
 
 
 def _spread_coverage(
-    engine: Engine,
-    alpha: Array,
-    defocus: Array,
-    lens: dict[str, Any],
-    max_memory: int | None,
-    other_bytes: int,
+    engine: Engine, alpha: Array, defocus: Array, options: RenderOptions, other_bytes: int
 ) -> Array:
     """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
     grey = np.repeat(alpha[..., None], 3, axis=-1)
     in_use = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + other_bytes
-    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_in_use=in_use).bokeh
+    spread = engine.render(grey, defocus, options=replace(options, memory_in_use=in_use)).bokeh
     coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
     return coverage
 

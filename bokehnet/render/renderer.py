@@ -1,7 +1,7 @@
 """Public renderer: scene and settings, or arrays, to the picture; does not need torch."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -134,7 +134,8 @@ class BokehRenderer:
         aperture, lens_response, _ = self._look(settings)
         engine = self._engine(*self._engine_of(settings))
         with errors_named_as("engine", {"engine": "name"} | tilt_parameter(settings)):
-            engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
+            options = RenderOptions(aperture=aperture, lens_response=lens_response)
+            engine.render(image, defocus, options=options)
 
     def check(self, settings: RenderSettings) -> None:
         """Raise unless networks, lens and files of the settings can be loaded; caches them.
@@ -237,8 +238,7 @@ class BokehRenderer:
             lens_response=options.lens_response or self.lens_response,
         )
         engine = self._engine(self.engine, self._weights, self.device)
-        every = {field.name: getattr(options, field.name) for field in fields(options)}
-        rendered = engine.render(image, defocus, cancellable(progress, cancel), **every)
+        rendered = engine.render(image, defocus, cancellable(progress, cancel), options)
         return RenderResult(
             bokeh=rendered.bokeh,
             classical=rendered.classical,

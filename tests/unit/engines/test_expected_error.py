@@ -50,7 +50,10 @@ def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
 
 def test_a_hybrid_tells_that_of_its_rays():
     image, defocus = picture(61, 83, 9)
-    rays, hybrid = (Engine(name).render(image, defocus, expected_error=True) for name in ("rays", "hybrid"))
+    rays, hybrid = (
+        Engine(name).render(image, defocus, options=RenderOptions(expected_error=True))
+        for name in ("rays", "hybrid")
+    )
     assert_array_equal(rays.expected_error, hybrid.expected_error)
 
 
@@ -58,8 +61,8 @@ def test_strips_tell_what_the_whole_tells():
     """Oracle: the whole picture at once."""
     image, defocus = picture(700, 96, 6)
     engine = Engine("rays")
-    whole = engine.render(image, defocus, expected_error=True)
-    strips = engine.render(image, defocus, expected_error=True, max_memory=6_000_000)
+    whole = engine.render(image, defocus, options=RenderOptions(expected_error=True))
+    strips = engine.render(image, defocus, options=RenderOptions(expected_error=True, max_memory=6_000_000))
     assert strips.classical is strips.bokeh  # one array of all strips
     assert_allclose(strips.expected_error, whole.expected_error, rtol=2e-2, atol=0.05)
 
@@ -68,7 +71,11 @@ def test_strips_tell_what_the_whole_tells():
 @pytest.mark.parametrize("light", [0.0, 1.0, 1e5])
 def test_it_is_finite_whatever_the_picture(height, width, light):
     image, defocus = picture(height, width, 90.0)  # seen halved twice
-    found = Engine("rays").render(light * image, defocus, expected_error=True).expected_error
+    found = (
+        Engine("rays")
+        .render(light * image, defocus, options=RenderOptions(expected_error=True))
+        .expected_error
+    )
     assert found.shape == (height, width)
     assert np.isfinite(found).all()
 
@@ -97,7 +104,7 @@ def test_a_small_copy_is_enlarged_as_the_whole_at_once():
 def test_where_nothing_was_learned_nothing_is_told(engine, options, words):
     image, defocus = picture(16, 16, 3)
     with pytest.raises(ParameterError, match=words):
-        Engine(engine).render(image, defocus, expected_error=True, **options)
+        Engine(engine).render(image, defocus, options=RenderOptions(expected_error=True, **options))
 
 
 def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
@@ -106,7 +113,9 @@ def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[2].read()
-    result = Engine("rays").render(shot.image, shot.defocus, aperture=shot.aperture, expected_error=True)
+    result = Engine("rays").render(
+        shot.image, shot.defocus, options=RenderOptions(aperture=shot.aperture, expected_error=True)
+    )
     found, wanted = (linear_to_srgb(np.clip(x, 0, 1)) for x in (result.bokeh, shot.truth))
     true = 255 * np.abs(found - wanted).mean(-1)  # levels
     near = result.error_map > 0

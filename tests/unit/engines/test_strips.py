@@ -149,10 +149,12 @@ def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine,
     image = np.minimum(image, 4)
     top, left = 256, 128
     lens = {"aperture": aperture, "lens_response": lens_response}
-    whole = Engine(engine).render(image, defocus, **lens).bokeh
+    whole = Engine(engine).render(image, defocus, options=RenderOptions(**lens)).bokeh
     cut = (image[top:, left:], defocus[top:, left:])
-    placed = Engine(engine).render(*cut, **lens, place=Place(left, top, 240, 520)).bokeh
-    alone = Engine(engine).render(*cut, **lens).bokeh
+    placed = (
+        Engine(engine).render(*cut, options=RenderOptions(**lens, place=Place(left, top, 240, 520))).bokeh
+    )
+    alone = Engine(engine).render(*cut, options=RenderOptions(**lens)).bokeh
     inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
     expected = whole[top:, left:][inner]
     error = [np.sqrt(np.mean((found[inner] - expected) ** 2)) for found in (placed, alone)]
@@ -169,8 +171,12 @@ def test_overscan_is_blurred_as_if_it_were_not_there(engine):
     if engine == "rays":
         lens["lens_response"] = LensResponse(aberration_map=GLASS)
     shown = np.s_[128:-128, 32:-32]
-    larger = Engine(engine).render(image, defocus, **lens, place=Place(-32, -128, 176, 128)).bokeh
-    alone = Engine(engine).render(image[shown], defocus[shown], **lens).bokeh
+    larger = (
+        Engine(engine)
+        .render(image, defocus, options=RenderOptions(**lens, place=Place(-32, -128, 176, 128)))
+        .bokeh
+    )
+    alone = Engine(engine).render(image[shown], defocus[shown], options=RenderOptions(**lens)).bokeh
     inner = np.s_[20:-20, 20:-20]
     error = np.sqrt(np.mean((larger[shown][inner] - alone[inner]) ** 2))
     assert error < (1e-5 if engine == "scatter" else 0.03)
