@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
+from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
@@ -170,7 +171,7 @@ def scatter_beyond(
     aperture: Aperture,
     reach: int,
     strip: Strip | None,
-    place: Place,
+    viewport: Viewport,
     scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
     """Scatter a picture whose border pixels are repeated outwards, as the rays see it.
@@ -185,11 +186,11 @@ def scatter_beyond(
         aperture: Shape of the aperture.
         reach: Number of repeated pixels.
         strip: Position of these rows in their picture; ``None`` for all rows.
-        place: Position of the arrays in the shown picture.
+        viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
     """
     if reach == 0 or aperture.cats_eye > 0:
-        return scattered(image, defocus, aperture, place)
+        return scattered(image, defocus, aperture, viewport)
     above = below = reach
     skipped = 0
     if strip is not None and strip.first > 0:
@@ -214,7 +215,7 @@ def _render(
     seed: int = 0,
     layers: Layers | None = None,
     strip: Strip | None = None,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
@@ -234,14 +235,14 @@ def _render(
         nearest, farthest = known.near_and_far_maps(defocus)
     radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
     above = 0 if strip is None else strip.first
-    place = place or Place.whole(*size)
+    viewport = viewport or Viewport.whole(*size)
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture)
     lens, ray_reach, fringes, nominal_rays = None, radius, None, _RAYS
     near = error_map
     if lens_response is not None and not lens_response.is_ideal:
-        lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
+        lens = lens_table(lens_response, viewport, chances, above=above, shape=defocus.shape)
         nominal_rays = _COLORED_RAYS if colored else _LENS_RAYS
         ray_reach = lens.reach(radius)
         extents = bundle_extents(points, lens)
@@ -256,12 +257,12 @@ def _render(
     reach = min(ray_reach if fringes is not None else radius, max(size))
 
     def scattered(radii: np.ndarray) -> np.ndarray:
-        return scatter_beyond(image, radii, aperture, reach, strip, place.below(above), device.scatter)
+        return scatter_beyond(image, radii, aperture, reach, strip, viewport.below(above), device.scatter)
 
     if fringes is None or lens is None:
         smooth = scattered(defocus)
     else:
-        smooth = fringed_scatter(scattered, defocus, fringes, lens.maps, place.frame, above)
+        smooth = fringed_scatter(scattered, defocus, fringes, lens.maps, viewport.frame, above)
     rays_mask = rays_weight > 0
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     report = _stage_progress(progress, seconds)
@@ -309,7 +310,7 @@ def _render(
             extents,
             cats_eye=aperture.cats_eye,
             above=above,
-            place=place,
+            viewport=viewport,
         )
         marched, bundled = rays_mask & (near > 0), np.array(result)
     bins = occupied_bins(cells, *within)
@@ -326,7 +327,7 @@ def _render(
         lens=lens,
         seed=seed,
         above=above,
-        place=place,
+        viewport=viewport,
         radius=ray_reach,
         nominal_rays=round(rays_factor * nominal_rays),
         progress=lambda fraction: report(2, fraction),
@@ -344,7 +345,7 @@ def _render(
         aperture,
         result,
         lens_response=lens_response,
-        place=place.below(above),
+        viewport=viewport.below(above),
         progress=lambda fraction: report(3, fraction),
     )
     with parallel_region:

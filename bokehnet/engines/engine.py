@@ -10,14 +10,10 @@ from typing import Any
 import numpy as np
 
 from bokehnet.arrays.row_blocks import cut_row_blocks, in_row_blocks
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_same_size
-from bokehnet.classical.base import (
-    ClassicalResult,
-    Place,
-    Strip,
-    check_inputs,
-)
+from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.engine_registry import ENGINES
@@ -81,12 +77,12 @@ def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> 
     return max(radius, float(known.near.max()), -float(known.far.min()))
 
 
-def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) -> int:
+def ray_reach(lens_response: LensResponse, viewport: Viewport, max_coc_radius: int) -> int:
     """Return the maximum distance of a pixel's rays from it, pixels.
 
     Args:
         lens_response: Response of the lens.
-        place: Position of the pixels in the shown picture.
+        viewport: Position of the pixels in the shown picture.
         max_coc_radius: Largest blur radius, pixels.
     """
     if lens_response.is_ideal:
@@ -94,7 +90,7 @@ def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) ->
     from bokehnet.classical.layered.march.aberrated_rays import lens_table
 
     chances = (np.arange(8)[:, None] + np.full(3, 0.5)) / 8  # the reach does not depend on the rays
-    return lens_table(lens_response, place, chances).reach(max_coc_radius)
+    return lens_table(lens_response, viewport, chances).reach(max_coc_radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +99,7 @@ class _Lens:
 
     aperture: Aperture
     lens_response: LensResponse
-    place: Place
+    viewport: Viewport
     pixel_filter: PixelFilter
     known: KnownSurfaces | None = None
     rays_factor: float = 1.0
@@ -153,7 +149,7 @@ def _prepare_light(
     return image, _Lens(
         aperture=options.aperture or Aperture(),
         lens_response=options.lens_response or LensResponse(),
-        place=options.place or Place.whole(*defocus.shape),
+        viewport=options.viewport or Viewport.whole(*defocus.shape),
         pixel_filter=options.pixel_filter or DEFAULT_FILTER,
         known=known,
         rays_factor=options.rays_factor,
@@ -332,7 +328,7 @@ class Engine:
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         max_ray_reach = None
         if self.classical_name == "rays":
-            max_ray_reach = ray_reach(lens.lens_response, lens.place, max_coc_radius)
+            max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
         if memory is None:
             reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
@@ -448,7 +444,7 @@ class Engine:
             renderer,
             strip=strip,
             lens_response=lens.lens_response,
-            place=lens.place,
+            viewport=lens.viewport,
             progress=progress,
             pixel_filter=lens.pixel_filter,
             rays_factor=lens.rays_factor,

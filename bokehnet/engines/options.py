@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_kind, check_number
-from bokehnet.classical.base import Place
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -21,7 +21,7 @@ Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
 # Names of version 0.1 of fields that were renamed.
-_OLD_NAMES = {"memory_taken": "memory_in_use", "rays_share": "rays_factor"}
+_OLD_NAMES = {"memory_taken": "memory_in_use", "place": "viewport", "rays_share": "rays_factor"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,7 +32,7 @@ class RenderOptions:
         aperture: Shape of the aperture; default: that of the renderer, or a disc. The networks were trained
             on discs; with other shapes they correct the classical half.
         lens_response: Response of the lens; default: that of the renderer, or a perfect lens.
-        place: Position of the pixels in the shown picture, whose centre is the optical axis; default:
+        viewport: Position of the pixels in the shown picture, whose centre is the optical axis; default:
             they are all of it.
         pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges; default:
             Blackman-Harris of width 1.5, as in Blender.
@@ -64,7 +64,7 @@ class RenderOptions:
 
     aperture: Aperture | None = None
     lens_response: LensResponse | None = None
-    place: Place | None = None
+    viewport: Viewport | None = None
     pixel_filter: PixelFilter | None = None
     gamma: float = 1.0
     highlights: Highlights | None = None
@@ -79,7 +79,7 @@ class RenderOptions:
     def __post_init__(self) -> None:
         check_kind("aperture", self.aperture, Aperture, optional=True)
         check_kind("lens_response", self.lens_response, LensResponse, optional=True)
-        check_kind("place", self.place, Place, optional=True)
+        check_kind("viewport", self.viewport, Viewport, optional=True)
         check_kind("pixel_filter", self.pixel_filter, PixelFilter, optional=True)
         check_kind("highlights", self.highlights, Highlights, optional=True)
         check_kind("known", self.known, KnownSurfaces, optional=True)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.classical.base import Place
-from bokehnet.effects import CameraEffects, View
+from bokehnet.effects import CameraEffects
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import supports_expected_error
@@ -83,13 +82,11 @@ def expose(
     if keep and overwrite:  # the error map must not overwrite it
         defocus = defocus.view()
         defocus.flags.writeable = False
-    window = scene.window
-    place = Place(window.x, window.y, window.display_width, window.display_height)
     choice = scene.pixel_filter
     lens = RenderOptions(
         aperture=aperture,
         lens_response=lens_response,
-        place=place,
+        viewport=scene.window.viewport,
         pixel_filter=None if choice is None else choice.pixel_filter,
         rays_factor=RAY_FRACTION if scene.supersampled > 1 else 1.0,
         max_memory=max_memory,
@@ -197,9 +194,7 @@ def _with_effects(
     """Return light (H, W, 3), premultiplied if there is alpha, and coverage (H, W), with camera effects."""
     if effects is None:
         return bokeh, alpha
-    window = scene.window
-    view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
     picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
     with errors_named_as("effects", {"distortion": "brown"}):  # the division model never folds
-        exposed = effects.apply(picture, view=view, frame=scene.number)
+        exposed = effects.apply(picture, view=scene.window.viewport, frame=scene.number)
     return exposed[..., :3], None if alpha is None else exposed[..., 3]

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE
 from bokehnet.classical.scatter.cats_eye import View, every_second, make_view
 from bokehnet.classical.scatter.operators import scatter_operator
@@ -27,11 +27,11 @@ __all__ = ["check_dtypes", "scatter_sums"]
 
 
 class _Lens(NamedTuple):
-    """What stays the same on all levels: the opening (None for a disc), its operator, the picture's place."""
+    """Constants of all levels: aperture (None for a disc), its operator, position of the picture."""
 
     shape: Aperture | None
     operator: ScatterOperator
-    place: Place
+    viewport: Viewport
 
 
 def _blocks(picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -121,7 +121,7 @@ def _scatter_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: Vi
 
 def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tensor:
     """Scatter all levels, from this one on, whose pixels are ``scale`` pixels of the whole picture wide."""
-    view, (left, top, full_width, full_height) = None, lens.place
+    view, (left, top, full_width, full_height) = None, lens.viewport.as_tuple()
     if lens.shape and lens.shape.cats_eye:
         view = make_view(lens.shape.cats_eye, (full_height, full_width), scale, (left, top))
     merges = _merges(values.detach(), defocus.detach(), lens.operator)
@@ -150,7 +150,7 @@ def check_dtypes(name: str, values: Tensor, defocus: Tensor) -> None:
 
 @not_compiled  # sizes depend on the data
 def scatter_sums(
-    values: Tensor, defocus: Tensor, aperture: Aperture | None = None, place: Place | None = None
+    values: Tensor, defocus: Tensor, aperture: Aperture | None = None, viewport: Viewport | None = None
 ) -> Tensor:
     """Scatter values over shapes and add up, where the tensors are.
 
@@ -160,7 +160,7 @@ def scatter_sums(
         defocus: Signed blur radius in pixels, + in front of focus, (H, W), of the same dtype and device,
             up to ``LARGEST_RADIUS``.
         aperture: Shape of the lens opening; default a plain disc.
-        place: Where the pixels lie in the shown picture, for a cat's-eye; default: all of it is there.
+        viewport: Where the pixels lie in the shown picture, for a cat's-eye; default: all of it is there.
 
     Returns:
         Sums (H, W, C), the same bits every time, once differentiable in both tensors.
@@ -170,5 +170,5 @@ def scatter_sums(
     """
     check_dtypes("values", values, defocus)
     shape = None if aperture is None or aperture.is_disc else aperture
-    place = place or Place.whole(defocus.shape[0], defocus.shape[1])
-    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), place), 1.0)
+    viewport = viewport or Viewport.whole(defocus.shape[0], defocus.shape[1])
+    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), viewport), 1.0)

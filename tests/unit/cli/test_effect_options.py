@@ -5,7 +5,7 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette
+from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Viewport, Vignette
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.render.renderer import BokehRenderer
@@ -130,7 +130,7 @@ def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
     effects = CameraEffects(
         distortion=DivisionModel(strength=-0.1), vignette=Vignette(stops=1.0), grain=Grain(iso=1600.0)
     )
-    view = View(width=WIDTH - 16, height=HEIGHT - 8, left=-8, top=-4)
+    view = Viewport(width=WIDTH - 16, height=HEIGHT - 8, left=-8, top=-4)
     wanted = effects.apply(np.stack([plain[name] for name in "RGB"], -1), view=view)
     for number, name in enumerate("RGB"):
         assert_allclose(found[name], wanted[..., number], atol=1e-5)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bokehnet.classical.base import ALIGNED, Place
+from bokehnet.arrays.viewport import Viewport
+from bokehnet.classical.base import ALIGNED
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
@@ -152,7 +153,11 @@ def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine,
     whole = Engine(engine).render(image, defocus, options=RenderOptions(**lens)).bokeh
     cut = (image[top:, left:], defocus[top:, left:])
     placed = (
-        Engine(engine).render(*cut, options=RenderOptions(**lens, place=Place(left, top, 240, 520))).bokeh
+        Engine(engine)
+        .render(
+            *cut, options=RenderOptions(**lens, viewport=Viewport(left=left, top=top, width=240, height=520))
+        )
+        .bokeh
     )
     alone = Engine(engine).render(*cut, options=RenderOptions(**lens)).bokeh
     inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
@@ -173,7 +178,11 @@ def test_overscan_is_blurred_as_if_it_were_not_there(engine):
     shown = np.s_[128:-128, 32:-32]
     larger = (
         Engine(engine)
-        .render(image, defocus, options=RenderOptions(**lens, place=Place(-32, -128, 176, 128)))
+        .render(
+            image,
+            defocus,
+            options=RenderOptions(**lens, viewport=Viewport(left=-32, top=-128, width=176, height=128)),
+        )
         .bokeh
     )
     alone = Engine(engine).render(image[shown], defocus[shown], options=RenderOptions(**lens)).bokeh

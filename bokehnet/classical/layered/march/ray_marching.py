@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import (
     LensTable,
     collapse,
@@ -377,7 +377,7 @@ def march(
     lens: LensTable | None = None,
     seed: int = 0,
     above: int = 0,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
     radius: float,
     nominal_rays: int,
     sample_counts: SampleCounts = counts_by_variance,
@@ -401,7 +401,7 @@ def march(
         lens: Lens response for all rays of ``points`` in their order; default: a perfect lens.
         seed: Seed of the variant of each pixel and of the random numbers for coverage.
         above: Rows of the picture above these arrays, if they are a strip of it.
-        place: Position of the picture in the shown one; default: all of it is shown.
+        viewport: Position of the picture in the shown one; default: all of it is shown.
         radius: Largest radius of any disc in the whole picture, pixels.
         nominal_rays: See :class:`bokehnet.classical.layered.march.sample_counts.FirstPass`.
         sample_counts: Function that returns the number of rays of each tile.
@@ -416,7 +416,7 @@ def march(
     if lens is not None and lens.colors.shape[1]:
         numbers, outlines, bins = COLORED, outlines_of(cells), dilate_bins(bins)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens, outlines)
-    options = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
+    options = (cats_eye, (viewport or Viewport.whole(height, width)).as_tuple(), seed, above)
     halo = window_halo(radius)
     marched_rows, previous_sums = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
