@@ -251,7 +251,7 @@ def test_scenes_results_and_sources_can_be_pickled(folder, scene):
     renderer = BokehRenderer("scatter")
     for one in (scene, read_scene("photo.exr", settings)):
         wanted = renderer.render(one, PLAIN)
-        assert_array_equal(renderer.render_arrays(pickle.loads(pickle.dumps(one)), PLAIN).bokeh, wanted.bokeh)
+        assert_array_equal(renderer.render(pickle.loads(pickle.dumps(one)), PLAIN).bokeh, wanted.bokeh)
         prepared = pickle.loads(pickle.dumps(renderer.prepare(one, PLAIN)))
         assert_array_equal(renderer.render(prepared, PLAIN).bokeh, wanted.bokeh)
         copy = pickle.loads(pickle.dumps(wanted))
