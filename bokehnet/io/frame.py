@@ -25,7 +25,7 @@ from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_b
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection_notes import selection_notes
-from bokehnet.io.store import store_picture
+from bokehnet.io.store import SourceFile, store_picture
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, part_of
 
@@ -205,10 +205,7 @@ def write_frame(
         frame.window.crop_to_display(bokeh),
         cropped_alpha,
         output_format,
-        source=frame.space,
-        bits=frame.bits,
-        metadata=frame.metadata,
-        origin=frame.path,
+        SourceFile(space=frame.space, bits=frame.bits, metadata=frame.metadata, path=frame.path),
         progress=progress,
         extra_channels={
             name: frame.window.crop_to_display(channel) for name, channel in (extra_channels or {}).items()

@@ -28,7 +28,7 @@ from bokehnet.io.output_format import (
 )
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.store import store_picture
+from bokehnet.io.store import SourceFile, store_picture
 
 __all__ = [
     "IMAGE_EXTENSIONS",
@@ -129,7 +129,7 @@ def write_image(
         check_map("alpha", alpha)
         check_same_size("the picture", image, "alpha", alpha)
     check_extra_channels(path, image, extra_channels)
-    store_picture(path, image, alpha, output_format, extra_channels=extra_channels)
+    store_picture(path, image, alpha, output_format, SourceFile(), extra_channels=extra_channels)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
