@@ -35,6 +35,7 @@ from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.classical.torch import autograd
 from bokehnet.classical.torch.device_scatter import scatter_on
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import Highlights
 from bokehnet.render.renderer import BokehRenderer
@@ -302,7 +303,7 @@ class Bench:
         blur: float,
         engine: Any = "rays",
         aperture: Aperture | None = None,
-        **options: Any,
+        options: RenderOptions | None = None,
     ) -> None:
         """Add a whole renderer on arrays."""
         megapixels = width * height / 1e6
@@ -312,9 +313,14 @@ class Bench:
             device: Any = "cpu" if self.simulated else "cuda"
             start = time.perf_counter()
             run_on_device = partial(
-                BokehRenderer(engine, device=device, aperture=aperture).render, image, radii, **options
+                BokehRenderer(engine, device=device, aperture=aperture).render_arrays,
+                image,
+                radii,
+                options=options,
             )
-            run_on_cpu = partial(BokehRenderer(engine, aperture=aperture).render, image, radii, **options)
+            run_on_cpu = partial(
+                BokehRenderer(engine, aperture=aperture).render_arrays, image, radii, options=options
+            )
             on_device = run_on_device()
             first = time.perf_counter() - start
             row = agreement(on_device.bokeh, run_on_cpu().bokeh) | {"first_s": first}
@@ -432,8 +438,10 @@ def measure_all(bench: Bench, sizes: list[float]) -> None:
     bench.gradients("disc, float32", *wide, BLURS["usual"] * wide[0], APERTURES["disc"], torch.float32)
     blur = BLURS["usual"] * wide[0]
     bench.renderer("rays, cat's-eye", *wide, blur, aperture=APERTURES["cat's-eye"])
-    bench.renderer("rays, highlights", *wide, blur, highlights=Highlights())
-    bench.renderer("rays, in strips", *wide, blur, max_memory=round(100 * wide[0] * wide[1]))
+    bench.renderer("rays, highlights", *wide, blur, options=RenderOptions(highlights=Highlights()))
+    bench.renderer(
+        "rays, in strips", *wide, blur, options=RenderOptions(max_memory=round(100 * wide[0] * wide[1]))
+    )
     for size in sorted(large):
         _one_size(bench, size)
 

@@ -75,8 +75,8 @@ def photograph_section(shared: Path, rounds: int, figures: Path | None = None) -
     runs: dict[str, Callable[[], object]] = {}
     for name in ENGINES:
         renderer = BokehRenderer(name)
-        renderer.render(image, defocus)
-        runs[name] = lambda renderer=renderer: renderer.render(image, defocus)
+        renderer.render_arrays(image, defocus)
+        runs[name] = lambda renderer=renderer: renderer.render_arrays(image, defocus)
     rival = published_wiring()
     rival(image[:64, :64].copy(), np.ascontiguousarray(defocus[:64, :64]))
     runs[PUBLISHED] = lambda: rival(image, defocus)

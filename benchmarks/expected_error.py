@@ -18,6 +18,7 @@ from scipy.stats import spearmanr
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from train.degradation import DEGRADATIONS, degrade
 from train.evaluation_sets import SETS, Shot, list_pictures
 from train.train_error import reliability, true_error
@@ -51,7 +52,9 @@ def error_pairs(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np
     """
     degraded = degrade(shot.defocus, disparity)
     defocus = repair(shot.image, degraded, "auto")
-    result = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
+    result = Engine("rays").render(
+        shot.image, defocus, options=RenderOptions(aperture=shot.aperture, expected_error=True)
+    )
     assert result.expected_error is not None
     pictures = {"rays": result.bokeh, "truth": shot.truth}
     batch = {name: torch.from_numpy(picture.transpose(2, 0, 1))[None] for name, picture in pictures.items()}

@@ -42,7 +42,7 @@ class Package:
     def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
         """Return the bokeh (H, W, 3), focused on disparity 0."""
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(0))
-        return self._renderer.render(image, defocus).bokeh
+        return self._renderer.render_arrays(image, defocus).bokeh
 
 
 def measure(

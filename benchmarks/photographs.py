@@ -35,7 +35,7 @@ def blur_by_focus(image: np.ndarray, disparity: np.ndarray, renderer: BokehRende
         row = []
         for name, quantile in FOCUS.items():
             defocus = defocus_from_disparity(disparity, blur, float(np.quantile(disparity, quantile)))
-            bokeh = renderer.render(image, defocus).bokeh
+            bokeh = renderer.render_arrays(image, defocus).bokeh
             row.append((f"blur {blur:g}, focus {name}", _halved(_halved(bokeh))))
         rows.append(row)
     return contact_sheet(rows)
@@ -90,7 +90,7 @@ def main() -> None:
         for engine, kind in variants:
             defocus = defocus_from_disparity(maps[kind], arguments.blur, arguments.focus)
             name = engine if kind == "as it is" else f"{engine}, repaired"
-            renders[name] = BokehRenderer(engine).render(image, defocus).bokeh
+            renders[name] = BokehRenderer(engine).render_arrays(image, defocus).bokeh
         if arguments.rival is not None:
             renders[arguments.rival.stem] = read_image(arguments.rival)
         write_image(arguments.out / f"crops_{path.stem}.jpg", crops(image, renders, arguments.crop))

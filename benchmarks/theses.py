@@ -23,6 +23,7 @@ from benchmarks.theses_table import Figures, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.scores.flip import flip_map
@@ -48,7 +49,9 @@ def render_with(name: str) -> Method:
         return _no_blur
     if name in OURS:
         engine = Engine(name)
-        return lambda image, defocus, aperture: engine.render(image, defocus, aperture=aperture).bokeh
+        return lambda image, defocus, aperture: (
+            engine.render(image, defocus, options=RenderOptions(aperture=aperture)).bokeh
+        )
     function = getattr(baselines, name)
 
     def render(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:

@@ -6,6 +6,7 @@ from .classical.layered.layers import split_layers as split_layers
 from .classical.rays_renderer import rays as rays
 from .classical.scatter_renderer import scatter as scatter
 from .depth_repair.repair import DisparityRepair as DisparityRepair
+from .engines.options import RenderOptions as RenderOptions
 from .errors import BokehnetError as BokehnetError
 from .io.image import read_image as read_image
 from .io.image import write_image as write_image

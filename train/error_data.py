@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from bokehnet.arrays.pyramid import downsample2
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.rays_renderer import scatter_beyond
 from bokehnet.errors import DataFileError
 from bokehnet.models.error import FEATURES
@@ -56,8 +56,8 @@ def error_parts(planes: np.ndarray, rows: slice, columns: slice) -> dict[str, np
     )
     outer = planes[:, *extended].astype(np.float32)
     image = np.ascontiguousarray(outer[PLANES["image"]].transpose(1, 2, 0))
-    place = Place.whole(*image.shape[:2])
-    scatter = scatter_beyond(image, outer[PLANES["defocus"]][0], Aperture(), reach, None, place)
+    viewport = Viewport.whole(*image.shape[:2])
+    scatter = scatter_beyond(image, outer[PLANES["defocus"]][0], Aperture(), reach, None, viewport)
     window = outer[:, *inner]
     parts = {
         name: np.concatenate([window[PLANES[plane]] for plane in names])

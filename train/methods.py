@@ -50,7 +50,9 @@ class Method:
 
     def render(self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> RenderResult:
         """Render with defocus that has already been repaired."""
-        return _renderer(self.engine, aperture, self.weights, numba.get_num_threads()).render(image, defocus)
+        return _renderer(self.engine, aperture, self.weights, numba.get_num_threads()).render_arrays(
+            image, defocus
+        )
 
 
 def parse_method(text: str) -> Method:

@@ -76,8 +76,8 @@ def measure(shared: Path, engine: str, threads: int, rounds: int) -> list[str]:
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     renderer = BokehRenderer(engine)
-    bokeh = renderer.render(image, defocus).bokeh
-    runs = {"plain render": lambda: renderer.render(image, defocus)}
+    bokeh = renderer.render_arrays(image, defocus).bokeh
+    runs = {"plain render": lambda: renderer.render_arrays(image, defocus)}
     runs |= {name: lambda effects=effects: effects.apply(bokeh) for name, effects in TIMED.items()}
     for run in runs.values():
         run()
@@ -93,7 +93,7 @@ def measure(shared: Path, engine: str, threads: int, rounds: int) -> list[str]:
 def round_trip(shared: Path) -> list[str]:
     """Return lines with the PSNR of the middle half after a distortion and its inverse, linear light."""
     image, defocus = photograph(shared)
-    bokeh = BokehRenderer("rays").render(image, defocus).bokeh
+    bokeh = BokehRenderer("rays").render_arrays(image, defocus).bokeh
     height, width = bokeh.shape[:2]
     middle = slice(height // 4, 3 * height // 4), slice(width // 4, 3 * width // 4)
     lines = []
@@ -107,7 +107,7 @@ def round_trip(shared: Path) -> list[str]:
 def write_sheet(shared: Path, path: Path) -> None:
     """Write the blurred picture with each effect, reduced by a factor or as a crop at full resolution."""
     image, defocus = photograph(shared)
-    bokeh = BokehRenderer("rays").render(image, defocus).bokeh
+    bokeh = BokehRenderer("rays").render_arrays(image, defocus).bokeh
     pictures = [(name, effects.apply(bokeh)) for name, effects in SHOWN.items()]
     height, width = (size // REDUCTION for size in bokeh.shape[:2])
     small = []

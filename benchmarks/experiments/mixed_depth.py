@@ -84,7 +84,7 @@ def main() -> None:
 
     def render(picture: np.ndarray, values: np.ndarray, focus: float, scale: float = 1) -> np.ndarray:
         defocus = (scale * BLUR * (values - focus)).astype(np.float32)
-        return renderer.render(np.asarray(picture, np.float32), defocus).bokeh
+        return renderer.render_arrays(np.asarray(picture, np.float32), defocus).bokeh
 
     truths = [shrink(render(colours, disparity, focus, FINE)) for focus in FOCUS]
     print("| map | mixed | " + " | ".join(f"focus {focus:g}" for focus in FOCUS) + " | repaired: same |")

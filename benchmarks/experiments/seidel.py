@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bokehnet.engines.options import RenderOptions
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses.base import Rays
@@ -167,12 +168,12 @@ def lamps() -> np.ndarray:
         renderer = BokehRenderer(
             "rays", lens_response=LensResponse(aberration_map=AberrationSliders(**sliders).aberration_map())
         )
-        result = renderer.render(
+        result = renderer.render_arrays(
             image,
             disparity=disparity,
             blur=BLUR,
             focus=DEMO_FOCUS["near"],
-            highlights=Highlights(threshold=0.5),
+            options=RenderOptions(highlights=Highlights(threshold=0.5)),
         )
         cells.append(result.bokeh[:250, :480])
     return np.vstack([np.hstack(cells[i : i + 2]) for i in range(0, len(cells), 2)])

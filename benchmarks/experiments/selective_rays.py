@@ -18,6 +18,7 @@ from bokehnet.baselines.rays.ray_mask import normals_of_depth
 from bokehnet.baselines.rays.selective_rays import SelectiveResult, TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.pixels.sample_allocation import neyman
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.clutter.baked_scene import BakedScene, View
@@ -71,7 +72,7 @@ def _callback(scene: BakedScene, gain: float, sky_depth: float) -> TraceRays:
 
 def _on_rays(engine: Engine, image: np.ndarray, defocus: np.ndarray) -> dict:
     """Return options with the rays engine as post-process, and a mask by its expected error."""
-    result = engine.render(image, defocus, expected_error=True)
+    result = engine.render(image, defocus, options=RenderOptions(expected_error=True))
     assert result.expected_error is not None
     mask = np.clip(result.expected_error / _FULL_ERROR, 0, 1)
     mask[result.expected_error < _MIN_ERROR] = 0

@@ -122,7 +122,7 @@ def baseline_renderer(name: str) -> ClassicalRenderer:
             check_ideal_except_tilt(options.get("lens_response"), name)
         assert options.get("strip") is None  # the engine does not cut strips
         if BASELINES[name].apertures == "cats-eye":
-            extra["place"] = options.get("place")
+            extra["viewport"] = options.get("viewport")
         bokeh = method(image, defocus, aperture, **extra)
         progress = options.get("progress")
         if progress is not None:

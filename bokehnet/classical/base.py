@@ -1,13 +1,13 @@
 """Interface of the classical renderers: inputs, options, result, and lookup by name."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import NamedTuple, Protocol, TypedDict, Unpack
+from typing import Protocol, TypedDict, Unpack
 
 import numpy as np
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_choice, check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
@@ -22,8 +22,6 @@ __all__ = [
     "ClassicalOptions",
     "ClassicalRenderer",
     "ClassicalResult",
-    "Frame",
-    "Place",
     "Strip",
     "check_ideal_except_tilt",
     "check_inputs",
@@ -51,55 +49,6 @@ class Strip:
     height: int
     max_coc_radius: int
     output_rows: slice
-
-
-class Frame(NamedTuple):
-    """Centre and scale of the full-size picture, in array coordinates.
-
-    Attributes:
-        column: Column of the centre of the picture.
-        row: Row of the centre, counted from the first row of the arrays.
-        scale: Reciprocal of the half-diagonal in pixels, so that corners are at field position 1.
-    """
-
-    column: float
-    row: float
-    scale: float
-
-    @classmethod
-    def of(cls, height: int, width: int, above: int = 0, left: int = 0) -> "Frame":
-        """Return the frame of a full-size picture without its first ``above`` rows and ``left`` columns."""
-        return cls(0.5 * (width - 1) - left, 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
-
-
-class Place(NamedTuple):
-    """Position of arrays in the shown picture, from whose centre field positions are measured.
-
-    Attributes:
-        left: Column of the shown picture at which the arrays begin; negative if they extend beyond it.
-        top: Row of the shown picture at which the arrays begin; negative if they extend beyond it.
-        width: Width of the shown picture, pixels.
-        height: Height of the shown picture, pixels.
-    """
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @classmethod
-    def whole(cls, height: int, width: int) -> "Place":
-        """Return the position of arrays that are the whole shown picture."""
-        return cls(0, 0, width, height)
-
-    def below(self, rows: int) -> "Place":
-        """Return the position of the same arrays without their first ``rows`` rows."""
-        return self._replace(top=self.top + rows)
-
-    @property
-    def frame(self) -> Frame:
-        """Centre and scale of the shown picture, in array coordinates."""
-        return Frame.of(self.height, self.width, self.top, self.left)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -154,7 +103,7 @@ class ClassicalOptions(TypedDict, total=False):
         strip: Position of these rows in a larger picture; default: the arrays are the whole picture. Only the
             ``output_rows`` of the result are valid.
         lens_response: Aberrations, vignetting and dispersion of the lens; default: a perfect lens.
-        place: Position in the shown picture of the whole picture, of which a strip may be a part; default:
+        viewport: Position in the shown picture of the whole picture, of which a strip may be a part; default:
             all of it is shown.
         progress: Callback that receives the completed fraction of the work, 0 to 1.
         pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges.
@@ -165,7 +114,7 @@ class ClassicalOptions(TypedDict, total=False):
 
     strip: Strip | None
     lens_response: LensResponse | None
-    place: Place | None
+    viewport: Viewport | None
     progress: Callable[[float], None] | None
     pixel_filter: PixelFilter
     known: KnownSurfaces | None

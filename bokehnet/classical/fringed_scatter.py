@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Frame
+from bokehnet.arrays.viewport import Frame
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse

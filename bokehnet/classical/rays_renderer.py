@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple, Unpack
 
@@ -9,20 +10,21 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
+from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
-from bokehnet.classical.fringed_scatter import chromatic_fringes, fringed_scatter
+from bokehnet.classical.fringed_scatter import Fringes, chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
 from bokehnet.classical.layered.layers import Layers, split_picture
-from bokehnet.classical.layered.march.aberrated_rays import lens_table
+from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
 from bokehnet.classical.layered.march.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.ray_averages import window_halo
-from bokehnet.classical.layered.march.ray_marching import SETS, march
+from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
@@ -129,8 +131,17 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    look = (aperture or Aperture(), lens_response, seed, layers)
-    return _render(image, defocus, *look, pixel_filter=pixel_filter, known=known).bokeh
+    job = _Job(
+        image=image,
+        defocus=defocus,
+        aperture=aperture or Aperture(),
+        lens_response=lens_response,
+        seed=seed,
+        layers=layers,
+        pixel_filter=pixel_filter,
+        known=known,
+    )
+    return _render(job).bokeh
 
 
 _fuse = njit()(fuse)
@@ -170,7 +181,7 @@ def scatter_beyond(
     aperture: Aperture,
     reach: int,
     strip: Strip | None,
-    place: Place,
+    viewport: Viewport,
     scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
     """Scatter a picture whose border pixels are repeated outwards, as the rays see it.
@@ -185,11 +196,11 @@ def scatter_beyond(
         aperture: Shape of the aperture.
         reach: Number of repeated pixels.
         strip: Position of these rows in their picture; ``None`` for all rows.
-        place: Position of the arrays in the shown picture.
+        viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
     """
     if reach == 0 or aperture.cats_eye > 0:
-        return scattered(image, defocus, aperture, place)
+        return scattered(image, defocus, aperture, viewport)
     above = below = reach
     skipped = 0
     if strip is not None and strip.first > 0:
@@ -206,131 +217,208 @@ def scatter_beyond(
     return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
 
 
-def _render(
-    image: np.ndarray,
-    defocus: np.ndarray,
-    aperture: Aperture,
-    lens_response: LensResponse | None = None,
-    seed: int = 0,
-    layers: Layers | None = None,
-    strip: Strip | None = None,
-    place: Place | None = None,
-    progress: Callable[[float], None] | None = None,
-    pixel_filter: PixelFilter = DEFAULT_FILTER,
-    known: KnownSurfaces | None = None,
-    rays_factor: float = 1.0,
-    device: Device = CPU,
-) -> ClassicalResult:
-    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
-    if layers is not None:
-        check_same_size("image", image, "layers", layers.defocus)
-    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
-    largest = _MAX_RADIUS_IN_SIDES * max(size)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Job:
+    """Picture and options of one render; options as in :class:`ClassicalOptions`."""
+
+    image: np.ndarray
+    defocus: np.ndarray
+    aperture: Aperture
+    lens_response: LensResponse | None = None
+    seed: int = 0
+    layers: Layers | None = None
+    strip: Strip | None = None
+    viewport: Viewport | None = None
+    progress: Callable[[float], None] | None = None
+    pixel_filter: PixelFilter = DEFAULT_FILTER
+    known: KnownSurfaces | None = None
+    rays_factor: float = 1.0
+    device: Device = CPU
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the whole picture, of which the arrays may be a strip."""
+        height, width = self.defocus.shape
+        return (height if self.strip is None else self.strip.height), width
+
+    @property
+    def above(self) -> int:
+        """Rows of the picture above the arrays."""
+        return 0 if self.strip is None else self.strip.first
+
+    @property
+    def picture_viewport(self) -> Viewport:
+        """Position of the whole picture in the shown one."""
+        return self.viewport or Viewport.whole(*self.size)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Rays:
+    """Rays of a render: pattern in the pupil, lens, and the pixels that they serve.
+
+    Attributes:
+        points: See :func:`_pattern`.
+        weights: See :func:`_pattern`.
+        lens: Lens of the rays; ``None`` for a perfect one.
+        fringes: Colour fringes, if the lens has nothing else.
+        extents: Extents of the bundles of smooth tiles; ``None`` for a perfect lens.
+        reach: Maximum distance of a pixel's rays from it, pixels.
+        nominal: Nominal number of rays per pixel.
+        near: Weight of the rays near depth discontinuities, (H, W).
+        weight: Weight of the rays over the scatter, (H, W).
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    lens: LensTable | None = None
+    fringes: Fringes | None = None
+    extents: np.ndarray | None = None
+    reach: int
+    nominal: int
+    near: np.ndarray
+    weight: np.ndarray
+
+
+def _render(job: _Job) -> ClassicalResult:
+    job, nearest, farthest = _checked(job)
+    strip = job.strip
+    radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
+    error_map = geometric_error_map(nearest, boundary_threshold(job.size), farthest=farthest)
+    pupil_rays = _make_rays(job, radius, nearest, farthest, error_map)
+    del nearest, farthest
+    smooth = _scatter_smooth(job, pupil_rays, radius)
+    rays_mask = pupil_rays.weight > 0
+    seconds = _seconds(job.defocus.size, int(np.count_nonzero(rays_mask)), radius)
+    report = _stage_progress(job.progress, seconds)
+    report(0, 1)
+    if strip is not None:  # keep the halo over which the rays of large discs are averaged
+        halo = -(-window_halo(pupil_rays.reach) // TILE) * TILE
+        rays_mask[: max(0, strip.output_rows.start - halo)] = False
+        rays_mask[strip.output_rows.stop + halo :] = False
+    if rays_mask.any():
+        return _render_layers(job, pupil_rays, smooth, error_map, rays_mask, report)
+    return ClassicalResult(
+        bokeh=smooth,
+        error_map=error_map,
+        occluded_background=np.array(job.image),
+        disocclusion_weight=np.zeros_like(error_map),
+        scatter=smooth,
+    )
+
+
+def _checked(job: _Job) -> tuple[_Job, np.ndarray, np.ndarray]:
+    """Return the job with checked arrays and bounded radii, and its nearest and farthest defocus, (H, W)."""
+    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(job.image, job.defocus))
+    if job.layers is not None:
+        check_same_size("image", image, "layers", job.layers.defocus)
+    largest = _MAX_RADIUS_IN_SIDES * max(job.size)
     defocus = np.clip(defocus, -largest, largest)
-    nearest, farthest = defocus, defocus
+    nearest, farthest, known = defocus, defocus, job.known
     if known is not None:
         known.check_within(*defocus.shape)
         known = known.with_radius_limit(largest)
         nearest, farthest = known.near_and_far_maps(defocus)
-    radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
-    above = 0 if strip is None else strip.first
-    place = place or Place.whole(*size)
-    error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
-    colored = lens_response is not None and lens_response.is_dispersive
-    points, weights, chances = _pattern(aperture)
-    lens, ray_reach, fringes, nominal_rays = None, radius, None, _RAYS
-    near = error_map
-    if lens_response is not None and not lens_response.is_ideal:
-        lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
-        nominal_rays = _COLORED_RAYS if colored else _LENS_RAYS
-        ray_reach = lens.reach(radius)
-        extents = bundle_extents(points, lens)
-        strays = stray_map(nearest, farthest, lens, extents, above)
-        near = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest, radii=strays)
-        fringes = chromatic_fringes(lens_response, 1 / lens.scale)
-        rays_weight = near
-        if fringes is None:
-            rays_weight = np.maximum(error_map, lens.visible_deviation(defocus.shape, radius, above))
-        del strays
-    del nearest, farthest
-    reach = min(ray_reach if fringes is not None else radius, max(size))
+    return replace(job, image=image, defocus=defocus, known=known), nearest, farthest
+
+
+def _make_rays(
+    job: _Job, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
+) -> _Rays:
+    """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
+    points, weights, chances = _pattern(job.aperture)
+    response = job.lens_response
+    if response is None or response.is_ideal:
+        return _Rays(
+            points=points, weights=weights, reach=radius, nominal=_RAYS, near=error_map, weight=error_map
+        )
+    shape = job.defocus.shape
+    lens = lens_table(response, job.picture_viewport, chances, above=job.above, shape=shape)
+    extents = bundle_extents(points, lens)
+    strays = stray_map(nearest, farthest, lens, extents, job.above)
+    near = geometric_error_map(nearest, boundary_threshold(job.size), farthest=farthest, radii=strays)
+    fringes = chromatic_fringes(response, 1 / lens.scale)
+    weight = near
+    if fringes is None:
+        weight = np.maximum(error_map, lens.visible_deviation(shape, radius, job.above))
+    return _Rays(
+        points=points,
+        weights=weights,
+        lens=lens,
+        fringes=fringes,
+        extents=extents,
+        reach=lens.reach(radius),
+        nominal=_COLORED_RAYS if response.is_dispersive else _LENS_RAYS,
+        near=near,
+        weight=weight,
+    )
+
+
+def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
+    """Return the scatter of the picture, (H, W, 3), with colour fringes if the lens has nothing else."""
+    reach = min(pupil_rays.reach if pupil_rays.fringes is not None else radius, max(job.size))
 
     def scattered(radii: np.ndarray) -> np.ndarray:
-        return scatter_beyond(image, radii, aperture, reach, strip, place.below(above), device.scatter)
+        viewport = job.picture_viewport.below(job.above)
+        return scatter_beyond(job.image, radii, job.aperture, reach, job.strip, viewport, job.device.scatter)
 
-    if fringes is None or lens is None:
-        smooth = scattered(defocus)
-    else:
-        smooth = fringed_scatter(scattered, defocus, fringes, lens.maps, place.frame, above)
-    rays_mask = rays_weight > 0
-    seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
-    report = _stage_progress(progress, seconds)
-    report(0, 1)
-    if strip is not None:  # keep the halo over which the rays of large discs are averaged
-        halo = -(-window_halo(ray_reach) // TILE) * TILE
-        rays_mask[: max(0, strip.output_rows.start - halo)] = rays_mask[strip.output_rows.stop + halo :] = (
-            False
-        )
-    if not rays_mask.any():
-        return ClassicalResult(
-            bokeh=smooth,
-            error_map=error_map,
-            occluded_background=np.array(image),
-            disocclusion_weight=np.zeros_like(error_map),
-            scatter=smooth,
-        )
-    faintest = 0.0 if lens is None else _MIN_LIGHT_BRIGHTNESS
-    mixed = None
-    if layers is None:
+    if pupil_rays.fringes is None or pupil_rays.lens is None:
+        return scattered(job.defocus)
+    frame = job.picture_viewport.frame
+    return fringed_scatter(scattered, job.defocus, pupil_rays.fringes, pupil_rays.lens.maps, frame, job.above)
+
+
+def _render_layers(
+    job: _Job,
+    pupil_rays: _Rays,
+    smooth: np.ndarray,
+    error_map: np.ndarray,
+    rays_mask: np.ndarray,
+    report: Callable[[int, float], None],
+) -> ClassicalResult:
+    """Return the scatter ``smooth`` with the rays through layers in the pixels of ``rays_mask``."""
+    faintest = 0.0 if pupil_rays.lens is None else _MIN_LIGHT_BRIGHTNESS
+    if job.layers is None:
         stack, mixed = split_picture(
-            image, defocus, ray_reach, pixel_filter, known, lambda fraction: report(1, fraction)
+            job.image,
+            job.defocus,
+            pupil_rays.reach,
+            job.pixel_filter,
+            job.known,
+            lambda fraction: report(1, fraction),
         )
     else:
-        stack = layers
+        stack, mixed = job.layers, None
     report(1, 1)
-    rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
+    rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
-    marched, bundled = rays_mask, None
     within: tuple[Any, ...] = ()
-    if lens is not None:
-        within = reach_by_rings(extents, lens, TILE, above)
-    if lens is not None and fringes is None:
-        near = render_smooth_tiles(
-            colors,
-            cells,
-            rays_mask,
-            near,
-            points,
-            weights,
-            result,
-            lens,
-            extents,
-            cats_eye=aperture.cats_eye,
-            above=above,
-            place=place,
-        )
-        marched, bundled = rays_mask & (near > 0), np.array(result)
+    if pupil_rays.lens is not None and pupil_rays.extents is not None:
+        within = reach_by_rings(pupil_rays.extents, pupil_rays.lens, TILE, job.above)
+    near, marched = _bundle_smooth_tiles(job, pupil_rays, colors, cells, rays_mask, result)
+    bundled = None if marched is rays_mask else np.array(result)
     bins = occupied_bins(cells, *within)
     march(
-        colors,
-        cells,
-        marched,
-        bins,
-        points,
-        weights,
+        RaysJob(
+            colors=colors,
+            cells=cells,
+            rays_mask=marched,
+            bins=bins,
+            points=pupil_rays.points,
+            weights=pupil_rays.weights,
+            radius=pupil_rays.reach,
+            nominal_rays=round(job.rays_factor * pupil_rays.nominal),
+            cats_eye=job.aperture.cats_eye,
+            lens=pupil_rays.lens,
+            seed=job.seed,
+            above=job.above,
+            viewport=job.picture_viewport,
+        ),
         result,
-        disocclusion_weight=disocclusion_weight,
-        cats_eye=aperture.cats_eye,
-        lens=lens,
-        seed=seed,
-        above=above,
-        place=place,
-        radius=ray_reach,
-        nominal_rays=round(rays_factor * nominal_rays),
+        disocclusion_weight,
         progress=lambda fraction: report(2, fraction),
-        send=device.march,
+        send=job.device.march,
     )
     if bundled is not None:
         with parallel_region:
@@ -341,23 +429,55 @@ def _render(
         cells,
         rays_mask,
         bins,
-        aperture,
+        job.aperture,
         result,
-        lens_response=lens_response,
-        place=place.below(above),
+        lens_response=job.lens_response,
+        viewport=job.picture_viewport.below(job.above),
         progress=lambda fraction: report(3, fraction),
     )
     with parallel_region:
-        _blend(smooth, rays_weight, rays_mask, result)
-    occluded_background = np.ascontiguousarray(colors[:, :, min(1, colors.shape[2] - 1)])
+        _blend(smooth, pupil_rays.weight, rays_mask, result)
     return ClassicalResult(
         bokeh=result,
         error_map=error_map,
-        occluded_background=occluded_background,
+        occluded_background=np.ascontiguousarray(colors[:, :, min(1, colors.shape[2] - 1)]),
         disocclusion_weight=disocclusion_weight,
         mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
         scatter=smooth,
     )
+
+
+def _bundle_smooth_tiles(
+    job: _Job,
+    pupil_rays: _Rays,
+    colors: np.ndarray,
+    cells: np.ndarray,
+    rays_mask: np.ndarray,
+    result: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Write tiles of one smooth surface behind an aberrated lens to ``result``.
+
+    Returns:
+        Weight of the rays near steps, (H, W); and the pixels left for rays of their own, ``rays_mask``
+        itself if no bundles are used.
+    """
+    if pupil_rays.lens is None or pupil_rays.extents is None or pupil_rays.fringes is not None:
+        return pupil_rays.near, rays_mask
+    near = render_smooth_tiles(
+        colors,
+        cells,
+        rays_mask,
+        pupil_rays.near,
+        pupil_rays.points,
+        pupil_rays.weights,
+        result,
+        pupil_rays.lens,
+        pupil_rays.extents,
+        cats_eye=job.aperture.cats_eye,
+        above=job.above,
+        viewport=job.picture_viewport,
+    )
+    return near, rays_mask & (near > 0)
 
 
 def _largest_radius(nearest: np.ndarray, farthest: np.ndarray) -> int:
@@ -373,4 +493,5 @@ def render_rays(
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Render with rays and return the complete result; arguments and errors as for :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), device=device, **options)
+    job = _Job(image=image, defocus=defocus, aperture=aperture or Aperture(), device=device, **options)
+    return _render(job)

@@ -7,18 +7,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.classical.base import (
-    ClassicalOptions,
-    ClassicalResult,
-    Place,
-    check_ideal_except_tilt,
-    check_inputs,
-)
+from bokehnet.arrays.viewport import Viewport
+from bokehnet.classical.base import ClassicalOptions, ClassicalResult, check_ideal_except_tilt, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.operators import scatter_operator
+from bokehnet.deprecation import renamed_keywords
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
@@ -49,11 +45,12 @@ def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
                 bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
 
 
+@renamed_keywords(place="viewport")
 def scatter(
     image: Picture,
     defocus: npt.NDArray[np.floating[Any]],
     aperture: Aperture | None = None,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
 ) -> Picture:
     """Render bokeh by scattering, without occlusion.
 
@@ -61,7 +58,7 @@ def scatter(
         image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
         defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
         aperture: Shape of the aperture; default: a disc.
-        place: Position of the pixels in the shown picture, for a cat's-eye; default: all of it is shown.
+        viewport: Position of the pixels in the shown picture, for a cat's-eye; default: all of it is shown.
 
     Returns:
         Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
@@ -85,7 +82,7 @@ def scatter(
     with parallel_region:
         _add_weight(light, values)
     sums = pyramid_levels.scatter_forward(
-        values, defocus, scatter_operator(aperture), overwrite=True, place=place
+        values, defocus, scatter_operator(aperture), overwrite=True, viewport=viewport
     )
     del values
     bokeh: Any = np.empty_like(light)
@@ -111,10 +108,10 @@ def render_scatter(
     ``scattered`` replaces :func:`scatter`, for example on another device.
     """
     check_ideal_except_tilt(options.get("lens_response"), "scatter")
-    strip, place, progress = options.get("strip"), options.get("place"), options.get("progress")
+    strip, viewport, progress = options.get("strip"), options.get("viewport"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
-    place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)
-    bokeh = (scattered or scatter)(image, defocus, aperture, place)
+    viewport = (viewport or Viewport.whole(*size)).below(0 if strip is None else strip.first)
+    bokeh = (scattered or scatter)(image, defocus, aperture, viewport)
     if progress is not None:
         progress(0.9)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

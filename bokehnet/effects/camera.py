@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import (
     Array,
     array_namespace,
@@ -13,8 +14,8 @@ from bokehnet.checks import (
     check_range,
     check_rank,
 )
+from bokehnet.effects.precision import cast_like
 from bokehnet.effects.row_blocks import in_row_blocks
-from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aberrations.distortion import Distortion
@@ -77,7 +78,7 @@ class CameraEffects:
         check_kind("grain", self.grain, Grain, optional=True)
         _ = self._warp
 
-    def apply(self, image: Array, *, view: View | None = None, frame: int = 0) -> Array:
+    def apply(self, image: Array, *, view: Viewport | None = None, frame: int = 0) -> Array:
         """Return the picture with all effects.
 
         Args:
@@ -102,7 +103,7 @@ class CameraEffects:
             return image
         return self._add_grain(image, self.grain, view, frame)
 
-    def undo(self, image: Array, *, view: View | None = None) -> Array:
+    def undo(self, image: Array, *, view: Viewport | None = None) -> Array:
         """Invert :meth:`apply`, except for rounding and for a resampling.
 
         Pixels cropped by a distortion are black. Arguments as those of :meth:`apply`.
@@ -131,7 +132,7 @@ class CameraEffects:
         absent = is_absent(self.cos4) and is_absent(self.optical_vignetting)
         return self.vignette is not None or bool(self.shading) or not absent
 
-    def _shade(self, image: Array, view: View, undo: bool) -> Array:
+    def _shade(self, image: Array, view: Viewport, undo: bool) -> Array:
         """Multiply light by all factors, or divide it."""
         xp, width = array_namespace(image), image.shape[-2]
 
@@ -144,7 +145,7 @@ class CameraEffects:
 
         return in_row_blocks(shade, image, _BLOCK_ROWS)
 
-    def _color(self, light: Array, field: Array, view: View, undo: bool) -> Array:
+    def _color(self, light: Array, field: Array, view: Viewport, undo: bool) -> Array:
         """Reduce the saturation, or restore it; fully grey pixels stay grey."""
         if self.vignette is None or is_absent(self.vignette.color_loss):
             return light
@@ -156,7 +157,7 @@ class CameraEffects:
             )
         return scale_saturation(light, saturation)
 
-    def _add_grain(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
+    def _add_grain(self, image: Array, grain: Grain, view: Viewport, frame: int) -> Array:
         """Add grain to light."""
 
         def add(rows: slice) -> Array:
@@ -168,7 +169,7 @@ class CameraEffects:
 
         return in_row_blocks(add, image, _BLOCK_ROWS)
 
-    def _factor(self, field: Array, view: View) -> Array:
+    def _factor(self, field: Array, view: Viewport) -> Array:
         """Return the product of all factors; each of them costs as much as a blur of a few pixels."""
         xp, factor = array_namespace(field), None
         for amount, formula in ((self.cos4, cos4_factor), (self.optical_vignetting, rim_factor)):
@@ -182,7 +183,7 @@ class CameraEffects:
         return factor if self.vignette is None else factor * self.vignette.factor(field, view.aspect)
 
 
-def _check(image: Array, view: View | None) -> View:
+def _check(image: Array, view: Viewport | None) -> Viewport:
     """Raise unless ``image`` is a picture; return its view."""
     if image.ndim < 3 or image.shape[-1] not in (3, 4):
         raise ShapeError(f"image: expected shape (..., H, W, 3) or (..., H, W, 4), got {tuple(image.shape)}")
@@ -191,4 +192,4 @@ def _check(image: Array, view: View | None) -> View:
     if is_integer:
         raise ParameterError("image", "scene-linear floats", image, shown=str(image.dtype))
     check_finite("image", image)
-    return view or View.of(image)
+    return view or Viewport.of(image)

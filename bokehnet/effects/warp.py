@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import Array, array_namespace, check_kind, check_range
+from bokehnet.effects.precision import cast_like
 from bokehnet.effects.row_blocks import in_row_blocks
-from bokehnet.effects.view import View, cast_like
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.distortion import BrownConrady, Distortion, DivisionModel
 from bokehnet.optics.pixels.resampling import inside, sample
@@ -50,7 +51,7 @@ class Warp:
         """True if pictures stay unchanged."""
         return self.distortion is None and is_absent(self.lateral)
 
-    def apply(self, image: Array, view: View | None = None) -> Array:
+    def apply(self, image: Array, view: Viewport | None = None) -> Array:
         """Return the distorted picture.
 
         Args:
@@ -62,14 +63,14 @@ class Warp:
         Raises:
             ParameterError: The distortion folds over within the picture.
         """
-        return self._draw(image, view or View.of(image), undo=False)
+        return self._draw(image, view or Viewport.of(image), undo=False)
 
-    def undo(self, image: Array, view: View | None = None) -> Array:
+    def undo(self, image: Array, view: Viewport | None = None) -> Array:
         """Invert :meth:`apply`; cropped pixels are black.
 
         Arguments and errors as those of :meth:`apply`.
         """
-        return self._draw(image, view or View.of(image), undo=True)
+        return self._draw(image, view or Viewport.of(image), undo=True)
 
     def check(self) -> None:
         """Raise ``ParameterError`` unless the warp is valid for pictures of all proportions."""
@@ -78,10 +79,10 @@ class Warp:
             self._check(1.0)
             self._undistort(np.stack([np.cos(turn), np.sin(turn)], -1))
 
-    def scale(self, image: Array, view: View) -> Array:
+    def scale(self, image: Array, view: Viewport) -> Array:
         """Return the scale of the lookup position relative to the shown position; see the class."""
         height, width = image.shape[-3:-1]
-        shown = View(width=view.width, height=view.height)
+        shown = Viewport(width=view.width, height=view.height)
         cover = self._cover(image, shown, shown.height, shown.width)
         if not view.covers_display(height, width):
             return cover
@@ -89,7 +90,7 @@ class Warp:
         overscan = self._cover(image, view, height, width)
         return xp.minimum(overscan, xp.maximum(cover, 1 + 0 * cover))
 
-    def _cover(self, like: Array, view: View, height: int, width: int) -> Array:
+    def _cover(self, like: Array, view: Viewport, height: int, width: int) -> Array:
         """Return the largest scale at which no shown pixel reads beyond an array of this size."""
         xp, border = array_namespace(like), view.border(like)
         first = view.places(np.zeros(2))  # from the centre of the array's first pixel to the axis
@@ -130,7 +131,7 @@ class Warp:
         if count > 3:
             yield 1.0, slice(3, count)
 
-    def _draw(self, image: Array, view: View, undo: bool) -> Array:
+    def _draw(self, image: Array, view: Viewport, undo: bool) -> Array:
         if self.is_off:
             return image
         height, width, channels = image.shape[-3:]

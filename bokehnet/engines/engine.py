@@ -10,14 +10,10 @@ from typing import Any
 import numpy as np
 
 from bokehnet.arrays.row_blocks import cut_row_blocks, in_row_blocks
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
-from bokehnet.checks import check_choice, check_kind, check_number, check_same_size
-from bokehnet.classical.base import (
-    ClassicalResult,
-    Place,
-    Strip,
-    check_inputs,
-)
+from bokehnet.checks import check_choice, check_kind, check_same_size
+from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.engine_registry import ENGINES
@@ -30,6 +26,7 @@ from bokehnet.engines.coarse_to_fine import (
 )
 from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
+from bokehnet.engines.options import RenderOptions, accepts_option_keywords
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
@@ -37,7 +34,7 @@ from bokehnet.onnx_session import CPU
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
-from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
+from bokehnet.optics.tone import GammaCurve, gamma_curve
 from bokehnet.progress import Progress, ignore_progress
 
 __all__ = ["Engine", "EngineResult", "ray_reach"]
@@ -80,12 +77,12 @@ def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> 
     return max(radius, float(known.near.max()), -float(known.far.min()))
 
 
-def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) -> int:
+def ray_reach(lens_response: LensResponse, viewport: Viewport, max_coc_radius: int) -> int:
     """Return the maximum distance of a pixel's rays from it, pixels.
 
     Args:
         lens_response: Response of the lens.
-        place: Position of the pixels in the shown picture.
+        viewport: Position of the pixels in the shown picture.
         max_coc_radius: Largest blur radius, pixels.
     """
     if lens_response.is_ideal:
@@ -93,7 +90,7 @@ def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) ->
     from bokehnet.classical.layered.march.aberrated_rays import lens_table
 
     chances = (np.arange(8)[:, None] + np.full(3, 0.5)) / 8  # the reach does not depend on the rays
-    return lens_table(lens_response, place, chances).reach(max_coc_radius)
+    return lens_table(lens_response, viewport, chances).reach(max_coc_radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +99,7 @@ class _Lens:
 
     aperture: Aperture
     lens_response: LensResponse
-    place: Place
+    viewport: Viewport
     pixel_filter: PixelFilter
     known: KnownSurfaces | None = None
     rays_factor: float = 1.0
@@ -121,6 +118,43 @@ class _NetworkInputs:
         for collector in (self.coarse, self.estimate):
             if collector is not None:
                 collector.add(first, image, defocus, classical)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Job:
+    """One render: checked image (H, W, 3) and defocus (H, W), optics, tone, progress, inputs of networks."""
+
+    image: np.ndarray
+    defocus: np.ndarray
+    lens: _Lens
+    curve: GammaCurve | None
+    report: Progress
+    network_inputs: _NetworkInputs
+
+
+def _prepare_light(
+    image: np.ndarray, defocus: np.ndarray, options: RenderOptions
+) -> tuple[np.ndarray, _Lens]:
+    """Return the image and the lens, with light at least 0 and clipped light restored."""
+    known, layers, highlights = options.known, options.layers, options.highlights
+    known = known and known.with_mapped_colors(lambda light: np.maximum(light, 0))
+    layers = layers and layers.with_mapped_colors(lambda light: np.maximum(light, 0))
+    output = image if options.overwrite and image.flags.writeable else None
+    if image.min() < 0:
+        image = np.maximum(image, 0, out=output)
+    if highlights is not None:
+        image = in_row_blocks(highlights.expand, image, out=output)
+        known = known and known.with_mapped_colors(highlights.expand)
+        layers = layers and layers.with_mapped_colors(highlights.expand)
+    return image, _Lens(
+        aperture=options.aperture or Aperture(),
+        lens_response=options.lens_response or LensResponse(),
+        viewport=options.viewport or Viewport.whole(*defocus.shape),
+        pixel_filter=options.pixel_filter or DEFAULT_FILTER,
+        known=known,
+        rays_factor=options.rays_factor,
+        layers=layers,
+    )
 
 
 def _max_pixels(memory: int | None, bytes_per_pixel: int) -> int:
@@ -184,25 +218,13 @@ class Engine:
             make_on("cpu", self.classical_name) if requested_device == "auto" and not baseline else None
         )
 
+    @accepts_option_keywords
     def render(
         self,
         image: np.ndarray,
         defocus: np.ndarray,
         progress: Progress | None = None,
-        *,
-        aperture: Aperture | None = None,
-        lens_response: LensResponse | None = None,
-        place: Place | None = None,
-        pixel_filter: PixelFilter | None = None,
-        gamma: float = 1.0,
-        highlights: Highlights | None = None,
-        max_memory: int | None = None,
-        memory_in_use: int = 0,
-        overwrite: bool = False,
-        known: KnownSurfaces | None = None,
-        rays_factor: float = 1.0,
-        layers: Layers | None = None,
-        expected_error: bool = False,
+        options: RenderOptions | None = None,
     ) -> EngineResult:
         """Render one picture from its defocus.
 
@@ -211,30 +233,8 @@ class Engine:
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
             progress: Callback that receives (completed steps, total steps); an exception in it ends the
                 render.
-            aperture: Shape of the aperture; default: a disc. The networks were trained on discs; with
-                other shapes they correct the classical half.
-            lens_response: Response of the lens; default: a perfect lens.
-            place: Position of the pixels in the shown picture, whose centre is the optical axis; default:
-                they are all of it.
-            pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges; default:
-                Blackman-Harris of width 1.5, as in Blender.
-            gamma: Weight of bright pixels where light mixes, 0.2 to 5; 1 is a real lens, above 1 emphasises
-                them. See :func:`bokehnet.optics.tone.gamma_curve`.
-            highlights: Restores the brightness of clipped lights before blurring. The result keeps
-                it, unclipped; :meth:`Highlights.compress` restores the range of the photograph.
-            max_memory: Maximum memory beyond image, defocus and result, bytes. Pictures that need
-                more are rendered in strips; the result is the same except for rounding.
-            memory_in_use: Part of ``max_memory`` that is already in use, bytes.
-            overwrite: True if the result may replace ``image`` and ``defocus``, which are invalid afterwards;
-                in strips this saves their memory. Both must be float32, C-contiguous and
-                writable, otherwise they stay unchanged.
-            known: Known surfaces of pixels at edges, which are not estimated; engines with one surface per
-                pixel ignore them.
-            rays_factor: Factor on the number of rays per pixel, above 0 to 1, where several pixels are
-                reduced to one.
-            layers: True layers, for engines that march rays, which replace those estimated from the
-                picture; other engines ignore them.
-            expected_error: True to estimate the error of the rays. With a hybrid it is that of its rays, too.
+            options: Aperture, lens, tone, known surfaces and memory; default: those of
+                :class:`RenderOptions`.
 
         Raises:
             ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
@@ -243,70 +243,66 @@ class Engine:
                 ``expected_error`` without rays, or behind an aberrated lens.
             ModelFileError: ``expected_error`` needs a network that is missing or damaged.
         """
-        check_kind("aperture", aperture, Aperture, optional=True)
-        check_kind("lens_response", lens_response, LensResponse, optional=True)
-        check_kind("known", known, KnownSurfaces, optional=True)
-        check_kind("layers", layers, Layers, optional=True)
+        check_kind("options", options, RenderOptions, optional=True)
+        options = options or RenderOptions()
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
-        check_kind("pixel_filter", pixel_filter, PixelFilter, optional=True)
-        place = place or Place.whole(*defocus.shape)
-        if known is not None:
-            known.check_within(*defocus.shape)
-            known = known.with_mapped_colors(lambda light: np.maximum(light, 0))
-        if layers is not None:
-            check_same_size("image", image, "layers", layers.defocus[..., 0])
-            layers = layers.with_mapped_colors(lambda light: np.maximum(light, 0))
-        output = image if overwrite and image.flags.writeable else None
-        if image.min() < 0:
-            image = np.maximum(image, 0, out=output)
-        if self._networks is not None and gamma != 1:
+        self._check_options(options, image, defocus)
+        image, lens = _prepare_light(image, defocus, options)
+        memory_in_use = options.memory_in_use
+        if options.overwrite and defocus.flags.writeable and self._reads_defocus_again:
+            memory_in_use += defocus.nbytes  # the error map cannot replace it
+        strips = self._cut(defocus, lens, options.max_memory, memory_in_use)
+        largest = _max_coc_radius(defocus, lens.known)  # before defocus is overwritten
+        available = None if options.max_memory is None else options.max_memory - memory_in_use
+        network_inputs = self._make_network_inputs(defocus.shape, largest, available, options.expected_error)
+        job = _Job(
+            image=image,
+            defocus=defocus,
+            lens=lens,
+            curve=None if options.gamma == 1 else gamma_curve(image, options.gamma),
+            report=progress or ignore_progress,
+            network_inputs=network_inputs,
+        )
+        if len(strips) > 1:
+            result = self._render_strips(job, strips, options.overwrite)
+        else:
+            result = self._render_whole(job)
+        estimate = network_inputs.estimate
+        error_estimate = None if estimate is None else estimate.estimate()
+        return replace(result, largest_blur=largest, expected_error=error_estimate)
+
+    def _check_options(self, options: RenderOptions, image: np.ndarray, defocus: np.ndarray) -> None:
+        """Raise ``ParameterError`` unless the options fit the engine and the picture."""
+        if options.known is not None:
+            options.known.check_within(*defocus.shape)
+        if options.layers is not None:
+            check_same_size("image", image, "layers", options.layers.defocus[..., 0])
+        if self._networks is not None and options.gamma != 1:
             raise ParameterError(
                 "gamma",
                 f"1, as in the training of the networks of {self.name}",
-                gamma,
+                options.gamma,
                 f"use the engine `{self.classical_name}`",
             )
-        check_kind("highlights", highlights, Highlights, optional=True)
-        if highlights is not None:
-            image = in_row_blocks(highlights.expand, image, out=output)
-            known = known and known.with_mapped_colors(highlights.expand)
-            layers = layers and layers.with_mapped_colors(highlights.expand)
-        curve = None if gamma == 1 else gamma_curve(image, gamma)
-        if max_memory is not None:
-            check_number("max_memory", max_memory)
-        lens = _Lens(
-            aperture=aperture or Aperture(),
-            lens_response=lens_response or LensResponse(),
-            place=place,
-            pixel_filter=pixel_filter or DEFAULT_FILTER,
-            known=known,
-            rays_factor=rays_factor,
-            layers=layers,
-        )
-        if expected_error:
-            check_expected_error(self.classical_name, lens.lens_response, gamma, self.name)
-        if overwrite and defocus.flags.writeable and self._reads_defocus_again:
-            memory_in_use += defocus.nbytes  # the error map cannot replace it
-        strips = self._cut(defocus, lens, max_memory, memory_in_use)
-        report = progress or ignore_progress
-        largest = _max_coc_radius(defocus, known)  # before defocus is overwritten
-        available = None if max_memory is None else max_memory - memory_in_use
-        (height, width), coarse, estimate = defocus.shape, None, None
+        if options.expected_error:
+            lens_response = options.lens_response or LensResponse()
+            check_expected_error(self.classical_name, lens_response, options.gamma, self.name)
+
+    def _make_network_inputs(
+        self, shape: tuple[int, ...], largest: float, available: int | None, expected_error: bool
+    ) -> _NetworkInputs:
+        """Return empty inputs of the networks for a picture (H, W) with blur radii up to ``largest`` pixels.
+
+        ``available`` bytes bound the pixels per call of a network; None: no bound.
+        """
+        (height, width), coarse, estimate = shape, None, None
         if self._networks is not None and self._networks.iunet is None:
             max_pixels = _max_pixels(available, ARNET_BYTES)
             coarse = CoarseInput(height, width, largest, self._networks.network_max_radius, max_pixels)
         if expected_error:
             max_pixels = _max_pixels(available, ERROR_BYTES)
             estimate = ErrorEstimate(height, width, largest, max_pixels, self._threads)
-        network_inputs = _NetworkInputs(coarse, estimate)
-        if len(strips) > 1:
-            result = self._render_strips(
-                image, defocus, lens, curve, strips, report, overwrite, network_inputs
-            )
-        else:
-            result = self._render_whole(image, defocus, lens, curve, report, network_inputs)
-        error_estimate = None if estimate is None else estimate.estimate()
-        return replace(result, largest_blur=largest, expected_error=error_estimate)
+        return _NetworkInputs(coarse, estimate)
 
     @property
     def _reads_defocus_again(self) -> bool:
@@ -332,7 +328,7 @@ class Engine:
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         max_ray_reach = None
         if self.classical_name == "rays":
-            max_ray_reach = ray_reach(lens.lens_response, lens.place, max_coc_radius)
+            max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
         if memory is None:
             reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
@@ -350,22 +346,15 @@ class Engine:
             raise ParameterError("max_memory", expected, memory, "leave it out")
         return strips
 
-    def _render_whole(
-        self,
-        image: np.ndarray,
-        defocus: np.ndarray,
-        lens: _Lens,
-        curve: GammaCurve | None,
-        report: Progress,
-        network_inputs: _NetworkInputs,
-    ) -> EngineResult:
+    def _render_whole(self, job: _Job) -> EngineResult:
+        image, defocus, report = job.image, job.defocus, job.report
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
         classical = self._render_classical(
-            image, defocus, lens, curve, progress=lambda fraction: report(int(fraction * _STEPS), steps)
+            job, progress=lambda fraction: report(int(fraction * _STEPS), steps)
         )
         report(_STEPS, steps)
-        network_inputs.add(0, image, defocus, classical)
+        job.network_inputs.add(0, image, defocus, classical)
         classical = replace(classical, scatter=None)
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
@@ -376,10 +365,10 @@ class Engine:
                 error_map=classical_error_map,
                 mixed_pixels=classical.mixed_pixels,
             )
-        if network_inputs.coarse is None:
+        if job.network_inputs.coarse is None:
             corrected = correct_level_by_level(self._networks, image, defocus, classical)
         else:
-            correction = network_inputs.coarse.correct(self._networks)
+            correction = job.network_inputs.coarse.correct(self._networks)
             corrected = correction.apply(classical.bokeh, classical.error_map, defocus)
         report(2 * _STEPS, steps)
         return EngineResult(
@@ -390,18 +379,9 @@ class Engine:
             mixed_pixels=classical.mixed_pixels,
         )
 
-    def _render_strips(
-        self,
-        image: np.ndarray,
-        defocus: np.ndarray,
-        lens: _Lens,
-        curve: GammaCurve | None,
-        strips: Sequence[Strip | None],
-        report: Progress,
-        overwrite: bool,
-        network_inputs: _NetworkInputs,
-    ) -> EngineResult:
+    def _render_strips(self, job: _Job, strips: Sequence[Strip | None], overwrite: bool) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
+        image, defocus, report, network_inputs = job.image, job.defocus, job.report, job.network_inputs
         networks = self._networks
         results = [
             StripAccumulator(image, overwrite),
@@ -413,14 +393,11 @@ class Engine:
         for index, strip in enumerate(strips):
             assert strip is not None
             report(_STEPS * index, steps)
-            rows = slice(strip.first, strip.last)
 
             def report_strip(fraction: float, index: int = index) -> None:
                 report(int(_STEPS * (index + fraction)), steps)
 
-            strip_result = self._render_classical(
-                image[rows], defocus[rows], lens, curve, strip, report_strip
-            )
+            strip_result = self._render_classical(job, strip, report_strip)
             first, output_rows = strip.first + strip.output_rows.start, strip.output_rows
             output = strip_result.rows(output_rows)
             inner = slice(first, first + len(output.bokeh))
@@ -449,19 +426,17 @@ class Engine:
 
     def _render_classical(
         self,
-        image: np.ndarray,
-        defocus: np.ndarray,
-        lens: _Lens,
-        curve: GammaCurve | None,
+        job: _Job,
         strip: Strip | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
-        known = lens.known
-        if known is not None and strip is not None:
-            known = known.in_rows(strip.first, strip.last)
-        layers = lens.layers
-        if layers is not None and strip is not None:
-            layers = layers.in_rows(strip.first, strip.last)
+        """Render a strip, or the whole picture, without networks."""
+        image, defocus, lens, curve = job.image, job.defocus, job.lens, job.curve
+        known, layers = lens.known, lens.layers
+        if strip is not None:
+            image, defocus = image[strip.first : strip.last], defocus[strip.first : strip.last]
+            known = known and known.in_rows(strip.first, strip.last)
+            layers = layers and layers.in_rows(strip.first, strip.last)
         renderer = self._classical
         if self._lens_fallback is not None and not lens.lens_response.is_ideal:
             renderer = self._lens_fallback
@@ -469,7 +444,7 @@ class Engine:
             renderer,
             strip=strip,
             lens_response=lens.lens_response,
-            place=lens.place,
+            viewport=lens.viewport,
             progress=progress,
             pixel_filter=lens.pixel_filter,
             rays_factor=lens.rays_factor,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
@@ -24,7 +25,7 @@ from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_b
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection_notes import selection_notes
-from bokehnet.io.store import store_picture
+from bokehnet.io.store import SourceFile, store_picture
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, part_of
 
@@ -148,6 +149,7 @@ def without_origin(frame: Frame) -> Frame:
     return replace(frame, _origin=None)
 
 
+@renamed_keywords(beside="extra_channels", wanted="output_format")
 def write_frame(
     path: Path | str,
     frame: Frame,
@@ -203,10 +205,7 @@ def write_frame(
         frame.window.crop_to_display(bokeh),
         cropped_alpha,
         output_format,
-        source=frame.space,
-        bits=frame.bits,
-        metadata=frame.metadata,
-        origin=frame.path,
+        SourceFile(space=frame.space, bits=frame.bits, metadata=frame.metadata, path=frame.path),
         progress=progress,
         extra_channels={
             name: frame.window.crop_to_display(channel) for name, channel in (extra_channels or {}).items()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ParameterError
 from bokehnet.io.atomic import check_target
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace, convert
@@ -27,7 +28,7 @@ from bokehnet.io.output_format import (
 )
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.store import store_picture
+from bokehnet.io.store import SourceFile, store_picture
 
 __all__ = [
     "IMAGE_EXTENSIONS",
@@ -79,6 +80,7 @@ def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray
     return convert(image, space, like, out=image)
 
 
+@renamed_keywords(beside="extra_channels")
 def write_image(
     path: Path | str,
     image: NDArray[Any],
@@ -127,7 +129,7 @@ def write_image(
         check_map("alpha", alpha)
         check_same_size("the picture", image, "alpha", alpha)
     check_extra_channels(path, image, extra_channels)
-    store_picture(path, image, alpha, output_format, extra_channels=extra_channels)
+    store_picture(path, image, alpha, output_format, SourceFile(), extra_channels=extra_channels)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:

@@ -1,7 +1,7 @@
 """Encode light as the stored values of a file: primaries, curve, bits, alpha, profile and metadata."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from bokehnet.io.output_format import (
 )
 from bokehnet.progress import Progress
 
-__all__ = ["store_picture"]
+__all__ = ["SourceFile", "store_picture"]
 
 _MAX_HALF = 65504.0
 _MAX_HDR_SIDE_PX = 32767  # beyond it the run lengths of the rows no longer fit
@@ -40,16 +40,30 @@ _LOSSLESS_QUALITY = 100
 Array = NDArray[Any]
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SourceFile:
+    """File that a picture was read from, as far as results inherit from it.
+
+    Attributes:
+        space: Colour space of the picture.
+        bits: Bits per channel; None if results do not inherit them.
+        metadata: Metadata of the file.
+        path: Path of the file, for messages.
+    """
+
+    space: ColorSpace = LINEAR_REC709
+    bits: Bits | None = None
+    metadata: Metadata = field(default_factory=Metadata)
+    path: Path | None = None
+
+
 def store_picture(
     path: Path,
     image: Array,
     alpha: Array | None,
     output_format: OutputFormat,
+    source: SourceFile,
     *,
-    source: ColorSpace = LINEAR_REC709,
-    bits: Bits | None = None,
-    metadata: Metadata | None = None,
-    origin: Path | None = None,
     progress: Progress | None = None,
     extra_channels: Mapping[str, Array] | None = None,
 ) -> None:
@@ -57,13 +71,11 @@ def store_picture(
 
     Args:
         path: File to write.
-        image: Linear light in the primaries of ``source``, (H, W, 3), premultiplied if there is alpha.
+        image: Linear light in the primaries of the source's space, (H, W, 3), premultiplied if there is
+            alpha.
         alpha: Coverage, (H, W).
         output_format: Colour space, bits and quality of the file.
-        source: Colour space of the input file.
-        bits: Bits of the input file.
-        metadata: Metadata of the input file.
-        origin: Input file, for messages.
+        source: File of the picture.
         progress: Progress callback, called by several threads.
         extra_channels: Additional channels of an EXR file, (H, W) by name.
 
@@ -71,42 +83,27 @@ def store_picture(
         ImageFileError: The file cannot be written, or cannot hold the picture.
     """
     extension = path.suffix.lower()
-    stored_bits = choose_bits(extension, output_format.bits, bits)
-    target = target_space(path, source, output_format.color_space, stored_bits)
+    stored_bits = choose_bits(extension, output_format.bits, source.bits)
+    target = target_space(path, source.space, output_format.color_space, stored_bits)
     alpha = None if extension in _NO_ALPHA_EXTENSIONS else alpha
     if target.grey:
         target = _grey_or_color_space(target, image, alpha, extension)
-    profile = profile_to_embed(target, source)
-    metadata = metadata or Metadata()
+    profile = profile_to_embed(target, source.space)
     height, width = image.shape[:2]
+    metadata = source.metadata
     if metadata.exif is not None or metadata.xmp is not None:
-        is_srgb = None if target == source else target == SRGB
-        metadata = metadata.refreshed(origin or path, width, height, is_srgb=is_srgb)
+        is_srgb = None if target == source.space else target == SRGB
+        metadata = metadata.refreshed(source.path or path, width, height, is_srgb=is_srgb)
     channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
-    stored = _stored_values(image, alpha, source, target, stored_bits, output_format.dither, extension)
+    stored = _stored_values(image, alpha, source.space, target, stored_bits, output_format.dither, extension)
     if extra_channels:
         stored = _with_channels(stored, tuple(extra_channels.values()))
         channels = (*channels, *extra_channels)
-    attributes: dict[str, Any] = {}
-    if extension == ".exr":
-        attributes["compression"] = "zip"
-        if not target.shares_primaries(LINEAR_REC709):
-            attributes["chromaticities"] = chromaticities_of(target)
-    elif extension == ".hdr" and max(height, width) > _MAX_HDR_SIDE_PX:
+    if extension == ".hdr" and max(height, width) > _MAX_HDR_SIDE_PX:
         raise ImageFileError(
             f"{path}: HDR files are at most {_MAX_HDR_SIDE_PX} pixels wide and high, "
             f"got {width}x{height}; use .exr"
         )
-    elif extension in _CODECS:
-        attributes["compression"] = f"{_CODECS[extension]}:{output_format.quality}"
-        if extension == ".webp" and output_format.quality == _LOSSLESS_QUALITY:
-            attributes["compression"] = "lossless"
-        if _CODECS[extension] == "jpeg":
-            attributes["jpeg:subsampling"] = output_format.subsampling
-    if extension in (".tif", ".tiff", ".jxl") and profile is not None:
-        attributes["ICCProfile"] = profile
-    if alpha is not None and not isinstance(stored_bits, str):
-        attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight already
     if extension in WHOLE_EXTENSIONS:
         coding = Coding(
             bits=int(stored_bits),
@@ -116,6 +113,9 @@ def store_picture(
         )
         encode_whole(path, (height, width, len(channels)), stored, coding, metadata, progress)
         return
+    attributes = _attributes(extension, output_format, target, profile)
+    if alpha is not None and not isinstance(stored_bits, str):
+        attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight already
     encode(
         path,
         (height, width, len(channels)),
@@ -127,6 +127,26 @@ def store_picture(
         finish=lambda temporary: add_metadata(temporary, width, height, metadata, profile),
         progress=progress,
     )
+
+
+def _attributes(
+    extension: str, output_format: OutputFormat, target: ColorSpace, profile: bytes | None
+) -> dict[str, Any]:
+    """Return the attributes of OpenImageIO for a format: compression, primaries, profile."""
+    attributes: dict[str, Any] = {}
+    if extension == ".exr":
+        attributes["compression"] = "zip"
+        if not target.shares_primaries(LINEAR_REC709):
+            attributes["chromaticities"] = chromaticities_of(target)
+    elif extension in _CODECS:
+        attributes["compression"] = f"{_CODECS[extension]}:{output_format.quality}"
+        if extension == ".webp" and output_format.quality == _LOSSLESS_QUALITY:
+            attributes["compression"] = "lossless"
+        if _CODECS[extension] == "jpeg":
+            attributes["jpeg:subsampling"] = output_format.subsampling
+    if extension in (".tif", ".tiff", ".jxl") and profile is not None:
+        attributes["ICCProfile"] = profile
+    return attributes
 
 
 def _stored_values(

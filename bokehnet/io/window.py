@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.viewport import Viewport
+
 __all__ = ["Window"]
 
 
@@ -35,6 +37,11 @@ class Window:
     def whole(cls, width: int, height: int) -> "Window":
         """Return a window whose data window equals its display window."""
         return cls(x=0, y=0, width=width, height=height, display_width=width, display_height=height)
+
+    @property
+    def viewport(self) -> Viewport:
+        """Position of the stored pixels in the displayed picture."""
+        return Viewport(left=self.x, top=self.y, width=self.display_width, height=self.display_height)
 
     def has_same_display_size(self, other: "Window") -> bool:
         """Return whether both display windows have the same size, so that their pixels correspond."""

@@ -10,6 +10,7 @@ import onnx
 from bokehnet.checks import check_choice
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.atomic import write_atomic
@@ -153,7 +154,9 @@ def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress
         scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
         rendered = session.run({"image": image, "disparity": disparity, **scalars})[0]
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
-        expected = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
+        expected = (
+            (hybrid if gamma == 1 else plain).render(image, defocus, options=RenderOptions(gamma=gamma)).bokeh
+        )
         psnrs.append(float(-10 * np.log10(np.square(rendered - expected).mean() + 1e-20)))
     report(len(psnrs), len(_TRIALS))
     return psnrs

@@ -21,7 +21,7 @@ class CancelSignal(Protocol):
         >>> import numpy as np
         >>> from bokehnet import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
-        >>> BokehRenderer("scatter").render(picture, defocus, cancel=Deadline(seconds=0))
+        >>> BokehRenderer("scatter").render_arrays(picture, defocus, cancel=Deadline(seconds=0))
         Traceback (most recent call last):
             ...
         bokehnet.errors.RenderCancelled: rendering was cancelled

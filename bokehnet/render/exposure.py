@@ -1,16 +1,15 @@
 """Exposure: blur of a focused scene by a lens, and the effects of the camera."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.classical.base import Place
-from bokehnet.effects import CameraEffects, View
+from bokehnet.effects import CameraEffects
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import supports_expected_error
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
@@ -68,56 +67,30 @@ def expose(
         >>> expose(focused, RenderSettings(), Engine("scatter"), optics, report, False).report.largest_blur
         3.0
     """
-    aperture, lens_response, effects = optics
-    max_memory = settings.engine.max_memory
-    aberrations = None
-    if scene.lens is not None:
-        aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
-        if shading := picture_shading(settings.lens, scene.lens, scene.window):
-            effects = replace(effects or CameraEffects(), shading=shading)
-    if aberrations is not None and engine.name in RAY_ENGINES:
-        lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
-    overwrite = overwrite and max_memory is not None
-    defocus, image = scene.defocus, scene.image
+    aperture, lens_response, effects = _optics_of_picture(scene, settings, engine, optics)
+    overwrite = overwrite and settings.engine.max_memory is not None
+    defocus, lens = scene.defocus, _lens_options(scene, settings, aperture, lens_response)
     keep = not overwrite or settings.output.save_maps is not None
     if keep and overwrite:  # the error map must not overwrite it
         defocus = defocus.view()
         defocus.flags.writeable = False
-    window = scene.window
-    place = Place(window.x, window.y, window.display_width, window.display_height)
-    choice = scene.pixel_filter
-    lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
-    lens["pixel_filter"] = None if choice is None else choice.pixel_filter
-    lens["rays_factor"] = RAY_FRACTION if scene.supersampled > 1 else 1.0
-    alpha, known = scene.alpha, scene.known
-    lamps = lamps_of(image, defocus, settings)
+    lamps = lamps_of(scene.image, defocus, settings)
     occluders = defocus.copy() if lamps is not None and overwrite and not keep else defocus
     names = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
-    names |= tilt_parameter(settings)
-    with errors_named_as("engine", names):
-        if alpha is not None:
-            spread = lens | {"known": known and known.without_colors()}
-            alpha = _spread_coverage(engine, alpha, defocus, spread, max_memory, image.nbytes)
-        memory_in_use = memory.PROGRAM + image.nbytes + defocus.nbytes
-        memory_in_use += defocus.nbytes if keep and overwrite else 0
-        memory_in_use += 0 if overwrite else image.nbytes + defocus.nbytes
-        memory_in_use += 0 if scene.alpha is None else 2 * defocus.nbytes
-        memory_in_use += 0 if known is None else known.nbytes
-        rendered = engine.render(
-            image,
-            defocus,
-            report,
-            **lens,
+    with errors_named_as("engine", names | tilt_parameter(settings)):
+        alpha = _spread_coverage(scene, defocus, engine, lens)
+        options = replace(
+            lens,
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
-            max_memory=max_memory,
-            memory_in_use=memory_in_use,
+            memory_in_use=_memory_in_use(scene, keep, overwrite),
             overwrite=overwrite,
-            known=known,
+            known=scene.known,
             layers=scene.layers,
             expected_error=_expects_error(settings, engine, lens_response),
         )
-    factor = scene.supersampled
+        rendered = engine.render(scene.image, defocus, report, options)
+    factor, choice = scene.supersampled, scene.pixel_filter
     if factor > 1:
         pixel_filter = DEFAULT_FILTER if choice is None else choice.specified_or_default
         rendered = reduced_result(rendered, factor, pixel_filter)
@@ -128,7 +101,6 @@ def expose(
             lamps, occluders = lamps.reduced(factor), reduced_defocus(occluders, factor)
     bokeh = add_lamp_light(rendered.bokeh, lamps, occluders, aperture, settings, scene.lens, scene.window)
     bokeh, alpha = _with_effects(bokeh, alpha, effects, scene)
-    focused = scene.lens
     return RenderResult(
         bokeh=bokeh,
         alpha=alpha,
@@ -141,16 +113,66 @@ def expose(
         supersampled=factor,
         frame=scene.frame,
         output=settings.output,
-        report=RenderReport(
-            engine=engine.name,
-            largest_blur=rendered.largest_blur,
-            repaired=scene.repaired,
-            repair_reason=scene.repair_reason,
-            focus_disparity=None if focused is None else focused.near,
-            focus_distance=None if focused is None else focused.distance,
-            pixel_filter=choice if engine.name in RAY_ENGINES else None,
-            notes=scene.notes,
-        ),
+        report=_report(scene, engine, rendered.largest_blur),
+    )
+
+
+def _optics_of_picture(
+    scene: FocusedScene, settings: RenderSettings, engine: Engine, optics: Optics
+) -> Optics:
+    """Return aperture, lens and camera, with aberrations and shading of a prescription lens."""
+    aperture, lens_response, effects = optics
+    if scene.lens is None:
+        return optics
+    aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
+    if shading := picture_shading(settings.lens, scene.lens, scene.window):
+        effects = replace(effects or CameraEffects(), shading=shading)
+    if aberrations is not None and engine.name in RAY_ENGINES:
+        lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
+    return aperture, lens_response, effects
+
+
+def _lens_options(
+    scene: FocusedScene, settings: RenderSettings, aperture: Aperture, lens_response: LensResponse
+) -> RenderOptions:
+    """Return the options that the picture and its coverage share."""
+    return RenderOptions(
+        aperture=aperture,
+        lens_response=lens_response,
+        viewport=scene.window.viewport,
+        pixel_filter=None if scene.pixel_filter is None else scene.pixel_filter.pixel_filter,
+        rays_factor=RAY_FRACTION if scene.supersampled > 1 else 1.0,
+        max_memory=settings.engine.max_memory,
+    )
+
+
+def _memory_in_use(scene: FocusedScene, keep: bool, overwrite: bool) -> int:
+    """Return the memory of the program, the scene and the result, bytes, before the engine renders.
+
+    Args:
+        scene: Scene to render.
+        keep: True if the result has the defocus.
+        overwrite: True if the result overwrites the scene.
+    """
+    image, defocus = scene.image, scene.defocus
+    memory_in_use = memory.PROGRAM + image.nbytes + defocus.nbytes
+    memory_in_use += defocus.nbytes if keep and overwrite else 0
+    memory_in_use += 0 if overwrite else image.nbytes + defocus.nbytes
+    memory_in_use += 0 if scene.alpha is None else 2 * defocus.nbytes
+    return memory_in_use + (0 if scene.known is None else scene.known.nbytes)
+
+
+def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderReport:
+    focused = scene.lens
+    return RenderReport(
+        engine=engine.name,
+        largest_blur=largest_blur,
+        repaired=scene.repaired,
+        repair_reason=scene.repair_reason,
+        focus_disparity=None if focused is None else focused.near,
+        focus_distance=None if focused is None else focused.distance,
+        pixel_filter=scene.pixel_filter if engine.name in RAY_ENGINES else None,
+        notes=scene.notes,
     )
 
 
@@ -179,17 +201,16 @@ def tilt_parameter(settings: RenderSettings) -> dict[str, str]:
 
 
 def _spread_coverage(
-    engine: Engine,
-    alpha: Array,
-    defocus: Array,
-    lens: dict[str, Any],
-    max_memory: int | None,
-    other_bytes: int,
-) -> Array:
-    """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
+    scene: FocusedScene, defocus: Array, engine: Engine, options: RenderOptions
+) -> Array | None:
+    """Spread the coverage (H, W) of a scene, if any, as the engine spreads the light of a grey picture."""
+    alpha, known = scene.alpha, scene.known
+    if alpha is None:
+        return None
     grey = np.repeat(alpha[..., None], 3, axis=-1)
-    in_use = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + other_bytes
-    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_in_use=in_use).bokeh
+    in_use = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + scene.image.nbytes
+    options = replace(options, known=known and known.without_colors(), memory_in_use=in_use)
+    spread = engine.render(grey, defocus, options=options).bokeh
     coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
     return coverage
 
@@ -200,9 +221,7 @@ def _with_effects(
     """Return light (H, W, 3), premultiplied if there is alpha, and coverage (H, W), with camera effects."""
     if effects is None:
         return bokeh, alpha
-    window = scene.window
-    view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
     picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
     with errors_named_as("effects", {"distortion": "brown"}):  # the division model never folds
-        exposed = effects.apply(picture, view=view, frame=scene.number)
+        exposed = effects.apply(picture, view=scene.window.viewport, frame=scene.number)
     return exposed[..., :3], None if alpha is None else exposed[..., 3]

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
@@ -118,7 +118,7 @@ def _ray_reach(settings: RenderSettings, radius: int, height: int, width: int) -
     glass = picture_aberrations(settings.lens, focused, window)
     if glass is not None:
         response = replace(response, aberration_map=response.aberration_map + glass)
-    return max(radius, ray_reach(response, Place.whole(height, width), radius))
+    return max(radius, ray_reach(response, Viewport.whole(height, width), radius))
 
 
 def _largest_relative_blur(settings: RenderSettings) -> int:

@@ -1,26 +1,26 @@
-"""Public renderer: takes a scene and settings, returns the picture; does not need torch."""
+"""Public renderer: scene and settings, or arrays, to the picture; does not need torch."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
-from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.forking import ForkSafeLock
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.optics.pixels.pixel_filter import PixelFilter
-from bokehnet.optics.tone import Highlights
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
+from bokehnet.render.deprecated_arrays import accepts_arrays
 from bokehnet.render.exposure import Optics, expose, tilt_parameter
 from bokehnet.render.look import (
     make_aperture,
@@ -134,7 +134,8 @@ class BokehRenderer:
         aperture, lens_response, _ = self._look(settings)
         engine = self._engine(*self._engine_of(settings))
         with errors_named_as("engine", {"engine": "name"} | tilt_parameter(settings)):
-            engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
+            options = RenderOptions(aperture=aperture, lens_response=lens_response)
+            engine.render(image, defocus, options=options)
 
     def check(self, settings: RenderSettings) -> None:
         """Raise unless networks, lens and files of the settings can be loaded; caches them.
@@ -151,20 +152,43 @@ class BokehRenderer:
         self._look(settings)
         self._engine(*self._engine_of(settings))
 
-    @overload
+    @accepts_arrays
     def render(
         self,
         scene: Scene | FocusedScene,
         settings: RenderSettings | None = None,
         progress: Progress | None = None,
-        /,
         *,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
-    ) -> RenderResult: ...
+    ) -> RenderResult:
+        """Render a scene with settings.
 
-    @overload
-    def render(
+        Args:
+            scene: Scene from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`.
+            settings: Settings of the render; default: those of :class:`RenderSettings`.
+            progress: Called with (steps done, total steps).
+            cancel: Cancellation signal, checked between steps.
+            overwrite: True if the result may overwrite image and defocus of a prepared scene, which are
+                invalid afterwards; saves their memory when rendering in strips.
+
+        Raises:
+            ParameterError: Settings are inconsistent or out of range, or ``scene`` is no scene.
+            LensError: The lens cannot focus there.
+            RenderCancelled: ``cancel`` was set.
+        """
+        check_kind("scene", scene, Scene, FocusedScene)
+        settings = RenderSettings() if settings is None else settings
+        check_kind("settings", settings, RenderSettings)
+        if isinstance(scene, Scene):
+            scene = self.prepare(scene, settings, cancel=cancel)
+        name, weights, device = self._engine_of(settings)
+        check_engine(settings, name)  # settings may differ from those of `prepare`
+        engine = self._engine(name, weights, device)
+        watch = cancellable(progress, cancel)
+        return expose(scene, settings, engine, self._look(settings), watch, overwrite)
+
+    def render_arrays(
         self,
         image: npt.NDArray[np.floating],
         defocus: npt.NDArray[np.floating] | None = None,
@@ -173,61 +197,62 @@ class BokehRenderer:
         disparity: npt.NDArray[np.floating] | None = None,
         blur: float | None = None,
         focus: float | None = None,
-        gamma: float = 1.0,
-        highlights: Highlights | None = None,
-        max_memory: int | None = None,
-        memory_in_use: int = 0,
-        pixel_filter: PixelFilter | None = None,
-        known: KnownSurfaces | None = None,
-        expected_error: bool = False,
+        options: RenderOptions | None = None,
         cancel: CancelSignal | None = None,
-        overwrite: bool = False,
-    ) -> RenderResult: ...
-
-    def render(  # type: ignore[misc]  # mypy does not see that positions agree
-        self,
-        image: Any,
-        defocus: Any = None,
-        progress: Progress | None = None,
-        *,
-        cancel: CancelSignal | None = None,
-        overwrite: bool = False,
-        **options: Any,
     ) -> RenderResult:
-        """Render a scene with settings; or an array with its defocus, or with disparity, blur and focus.
+        """Render an array with its defocus, or with disparity, blur and focus, without repair of the map.
 
         Args:
-            image: Scene (from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`); or the all-in-focus
-                picture, scene-linear, (H, W, 3), with values below 0 clipped to 0.
-            defocus: With a scene: its settings. With an array: signed blur radius in pixels, (H, W), positive
-                in front of focus.
+            image: All-in-focus picture, scene-linear, (H, W, 3), with values below 0 clipped to 0.
+            defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
             progress: Called with (steps done, total steps).
+            disparity: Relative disparity, (H, W), near is large; with ``blur`` and ``focus`` in place of
+                ``defocus``.
+            blur: Blur radius in pixels per unit of disparity, at least 0.
+            focus: Disparity in focus.
+            options: Further options; its aperture and lens response default to those of the renderer.
             cancel: Cancellation signal, checked between steps.
-            overwrite: True if the result may overwrite image and defocus, which are invalid afterwards; saves
-                their memory when rendering in strips.
-            options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, radius in
-                pixels per unit of disparity, and ``focus``, disparity in focus, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_in_use``, ``known`` and
-                ``expected_error`` of :meth:`bokehnet.engines.engine.Engine.render`.
 
         Raises:
             ShapeError: Arrays do not have the shapes above, or map and picture differ in size.
             ParameterError: Arguments are inconsistent or out of range; NaN or infinity; arrays of another
                 type than floats. Floats of 16 and 64 bits are converted to float32.
-            LensError: The lens cannot focus there.
             RenderCancelled: ``cancel`` was set.
+
+        Examples:
+            >>> image, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
+            >>> options = RenderOptions(gamma=2.0)
+            >>> BokehRenderer("scatter").render_arrays(image, defocus, options=options).bokeh.shape
+            (24, 32, 3)
         """
-        watch = cancellable(progress, cancel)
-        if isinstance(image, Scene | FocusedScene):
-            settings = RenderSettings() if defocus is None else defocus
-            check_kind("settings", settings, RenderSettings)
-            if isinstance(image, Scene):
-                image = self.prepare(image, settings, cancel=cancel)
-            name, weights, device = self._engine_of(settings)
-            check_engine(settings, name)  # settings may differ from those of `prepare`
-            engine = self._engine(name, weights, device)
-            return expose(image, settings, engine, self._look(settings), watch, overwrite)
-        return self._render_arrays(image, defocus, watch, overwrite, **options)
+        if defocus is None:
+            defocus = _from_disparity(disparity, blur, focus)
+        elif not (disparity is None and blur is None and focus is None):
+            expected = "either this, or `disparity`, `blur` and `focus`"
+            raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
+        check_kind("options", options, RenderOptions, optional=True)
+        options = options or RenderOptions()
+        options = replace(
+            options,
+            aperture=options.aperture or self.aperture,
+            lens_response=options.lens_response or self.lens_response,
+        )
+        engine = self._engine(self.engine, self._weights, self.device)
+        rendered = engine.render(image, defocus, cancellable(progress, cancel), options)
+        return RenderResult(
+            bokeh=rendered.bokeh,
+            classical=rendered.classical,
+            neural=rendered.neural,
+            error_map=rendered.error_map,
+            defocus=None if options.overwrite else np.asarray(defocus, np.float32),
+            mixed_pixels=rendered.mixed_pixels,
+            expected_error=rendered.expected_error,
+            report=RenderReport(
+                engine=engine.name,
+                largest_blur=rendered.largest_blur,
+                focus_disparity=focus,
+            ),
+        )
 
     def prepare(
         self,
@@ -266,47 +291,6 @@ class BokehRenderer:
         engine, *_ = self._engine_of(settings)
         check_engine(settings, engine)
         return prepare(scene, settings, engine, cancellable(progress, cancel), self._repairer, plan)
-
-    def _render_arrays(
-        self,
-        image: npt.NDArray[np.floating],
-        defocus: npt.NDArray[np.floating] | None,
-        report: Progress,
-        overwrite: bool,
-        disparity: npt.NDArray[np.floating] | None = None,
-        blur: float | None = None,
-        focus: float | None = None,
-        **options: Any,
-    ) -> RenderResult:
-        if defocus is None:
-            defocus = _from_disparity(disparity, blur, focus)
-        elif not (disparity is None and blur is None and focus is None):
-            expected = "either this, or `disparity`, `blur` and `focus`"
-            raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
-        engine = self._engine(self.engine, self._weights, self.device)
-        rendered = engine.render(
-            image,
-            defocus,
-            report,
-            aperture=self.aperture,
-            lens_response=self.lens_response,
-            overwrite=overwrite,
-            **options,
-        )
-        return RenderResult(
-            bokeh=rendered.bokeh,
-            classical=rendered.classical,
-            neural=rendered.neural,
-            error_map=rendered.error_map,
-            defocus=None if overwrite else np.asarray(defocus, np.float32),
-            mixed_pixels=rendered.mixed_pixels,
-            expected_error=rendered.expected_error,
-            report=RenderReport(
-                engine=engine.name,
-                largest_blur=rendered.largest_blur,
-                focus_disparity=focus,
-            ),
-        )
 
     def _look(self, settings: RenderSettings) -> Optics:
         """Return aperture, lens and effects of the settings, cached."""

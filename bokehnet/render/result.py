@@ -81,7 +81,7 @@ class RenderResult:
     Examples:
         >>> from bokehnet.render.renderer import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
-        >>> result = BokehRenderer("scatter").render(picture, defocus)
+        >>> result = BokehRenderer("scatter").render_arrays(picture, defocus)
         >>> result._repr_html_()[-59:]  # text below the picture in a notebook
         'scatter, 32x24, blur up to 4.0 pixels</figcaption></figure>'
         >>> result.save_maps("maps")

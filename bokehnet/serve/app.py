@@ -7,6 +7,7 @@ import shutil
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, File, Form, Header, Request, Response, UploadFile
@@ -70,7 +71,9 @@ def make_app(settings: ServiceSettings) -> FastAPI:
         respond=lambda problem: _problem_response(problem, metrics),
     )
     _add_health(app, tokens, metrics, pool)
-    _add_jobs(app, settings, tokens, store, metrics, pool)
+    service = _Service(settings=settings, tokens=tokens, store=store, metrics=metrics, pool=pool)
+    _add_submission(app, service)
+    _add_jobs(app, service)
     return app
 
 
@@ -93,25 +96,53 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
         return Response(metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
 
-def _add_jobs(
-    app: FastAPI,
-    settings: ServiceSettings,
-    tokens: Tokens,
-    store: JobStore,
-    metrics: Metrics,
-    pool: Pool,
-) -> None:
-    def client(authorization: Annotated[str | None, Header()] = None) -> str:
-        return tokens.client(authorization)
+@dataclass(frozen=True, kw_only=True)
+class _Service:
+    """Settings of a service and the objects that all its routes share."""
 
-    Client = Annotated[str, Depends(client)]  # noqa: N806  # a type
-    Upload = Annotated[UploadFile | None, File()]  # noqa: N806
+    settings: ServiceSettings
+    tokens: Tokens
+    store: JobStore
+    metrics: Metrics
+    pool: Pool
 
-    def owned_job(job: str, owner: str) -> dict[str, Any]:
-        view = store.view(job)
+    def client(self, authorization: Annotated[str | None, Header()] = None) -> str:
+        """Return the client of a request; a dependency of the routes."""
+        return self.tokens.client(authorization)
+
+    def owned_job(self, job: str, owner: str) -> dict[str, Any]:
+        """Return a job of the client ``owner``; other jobs do not exist for it."""
+        view = self.store.view(job)
         if view is None or view["owner"] != owner:
             raise Problem("not-found", f"there is no job {job}; it may have been removed")
         return view
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Submission:
+    """Checked request with its uploads, before they are stored.
+
+    Attributes:
+        owner: Client that sent the request.
+        request: Checked settings, preset and format.
+        uploads: Uploaded file of each field.
+        names: Name of the stored file of each field.
+        image_url: Address of the picture if it is not among the uploads.
+        key: Idempotency key.
+    """
+
+    owner: str
+    request: dict[str, Any]
+    uploads: dict[str, UploadFile]
+    names: dict[str, str]
+    image_url: str | None
+    key: str | None
+
+
+def _add_submission(app: FastAPI, service: _Service) -> None:
+    """Add the route that accepts jobs."""
+    Client = Annotated[str, Depends(service.client)]  # noqa: N806  # a type
+    Upload = Annotated[UploadFile | None, File()]  # noqa: N806
 
     @app.post("/v1/jobs", status_code=202, tags=["jobs"])
     def submit(
@@ -132,7 +163,7 @@ def _add_jobs(
 
         Repeated requests with the same idempotency key return the same job.
         """
-        _check_open(pool)
+        _check_open(service.pool)
         fields = {"image": image, "disparity": disparity, "depth": depth, "defocus": defocus}
         fields |= {"matte": matte, "aperture_image": aperture_image}
         uploads = {field: file for field, file in fields.items() if file is not None}
@@ -142,36 +173,70 @@ def _add_jobs(
         if image_url is not None:
             names["image"] = file_name("image", image_url.split("?")[0])
         request = check_request(settings_json, preset, output, names)
-        incoming = store.incoming()
-        try:
-            hashes = {
-                field: save_upload(file.file, incoming / names[field]) for field, file in uploads.items()
-            }
-            if image_url is not None:
-                hosts = settings.fetch_from or ()
-                target = incoming / names["image"]
-                hashes["image"] = fetch_url(image_url, hosts, target, settings.max_upload, settings.patience)
-            content = json.dumps([request, hashes], sort_keys=True)
-            fingerprint = hashlib.sha256(content.encode()).hexdigest()
-            request |= {"owner": owner, "fingerprint": fingerprint, "memory": settings.memory_limit}
-            job, new = store.submit(incoming, request, idempotency_key)
-        except QueueFull:
-            detail = f"expected fewer than {settings.queue} unfinished jobs; try again later"
-            raise Problem("queue-full", detail, headers=_RETRY) from None
-        finally:
-            shutil.rmtree(incoming, ignore_errors=True)
-        view = owned_job(job, owner)
-        if not new and view["fingerprint"] != fingerprint:
-            detail = (
-                "Idempotency-Key: expected a new key for each request, found the key of another request; "
-                "use a new one"
+        return _accept(
+            service,
+            _Submission(
+                owner=owner,
+                request=request,
+                uploads=uploads,
+                names=names,
+                image_url=image_url,
+                key=idempotency_key,
+            ),
+        )
+
+
+def _accept(service: _Service, submission: _Submission) -> JSONResponse:
+    """Store a submission as a job, or find the job of its idempotency key; answer with its state."""
+    job, new, fingerprint = _store_submission(service, submission)
+    view = service.owned_job(job, submission.owner)
+    if not new and view["fingerprint"] != fingerprint:
+        detail = (
+            "Idempotency-Key: expected a new key for each request, found the key of another request; "
+            "use a new one"
+        )
+        raise Problem("idempotency", detail)
+    if new:
+        service.metrics.accepted.inc()
+        service.pool.wake()
+    code = 202 if view["state"] not in _FINAL_STATES else 200
+    return JSONResponse(_public_view(view), code, {"Location": f"/v1/jobs/{job}"})
+
+
+def _store_submission(service: _Service, submission: _Submission) -> tuple[str, bool, str]:
+    """Save the files of a submission; return its job, whether it is new, and its fingerprint."""
+    settings, names = service.settings, submission.names
+    incoming = service.store.incoming()
+    try:
+        hashes = {
+            field: save_upload(file.file, incoming / names[field])
+            for field, file in submission.uploads.items()
+        }
+        if submission.image_url is not None:
+            hosts, target = settings.fetch_from or (), incoming / names["image"]
+            hashes["image"] = fetch_url(
+                submission.image_url, hosts, target, settings.max_upload, settings.patience
             )
-            raise Problem("idempotency", detail)
-        if new:
-            metrics.accepted.inc()
-            pool.wake()
-        code = 202 if view["state"] not in _FINAL_STATES else 200
-        return JSONResponse(_public_view(view), code, {"Location": f"/v1/jobs/{job}"})
+        content = json.dumps([submission.request, hashes], sort_keys=True)
+        fingerprint = hashlib.sha256(content.encode()).hexdigest()
+        request = submission.request | {
+            "owner": submission.owner,
+            "fingerprint": fingerprint,
+            "memory": settings.memory_limit,
+        }
+        job, new = service.store.submit(incoming, request, submission.key)
+    except QueueFull:
+        detail = f"expected fewer than {settings.queue} unfinished jobs; try again later"
+        raise Problem("queue-full", detail, headers=_RETRY) from None
+    finally:
+        shutil.rmtree(incoming, ignore_errors=True)
+    return job, new, fingerprint
+
+
+def _add_jobs(app: FastAPI, service: _Service) -> None:
+    """Add the routes of accepted jobs: state, result, events, cancellation."""
+    store, owned_job = service.store, service.owned_job
+    Client = Annotated[str, Depends(service.client)]  # noqa: N806  # a type
 
     @app.get("/v1/jobs/{job}", tags=["jobs"])
     def state(job: str, owner: Client) -> dict[str, Any]:
@@ -208,7 +273,7 @@ def _add_jobs(
             store.remove(job)
         else:
             if store.finish(job, {"state": "cancelled", "problem": CANCELLED.document()}):
-                metrics.finished.labels("cancelled").inc()
+                service.metrics.finished.labels("cancelled").inc()
         return Response(status_code=204)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette, Warp
+from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Viewport, Vignette, Warp
 from bokehnet.errors import BokehnetError, LensError, ParameterError
 from bokehnet.lenses import ThinLens
 from bokehnet.lenses.thick import ThickLens
@@ -38,7 +38,7 @@ GOOD = [
     LensResponse(),
     FocusPlane(level=0.5),
     AberrationMap.perfect(),
-    View(width=4, height=3),
+    Viewport(width=4, height=3),
     THIN,
     ThickLens(focal_length=50.0, f_number=2.0),
 ]
@@ -105,7 +105,7 @@ BEYOND = {
     ChromaticAberration: dict.fromkeys(("axial", "lateral"), (101, -101)),
     WavelengthSampling: {"equaliser": ((1.0,) * 65, ()), "dispersion": ("prism", ["rgb"])},
     FocusPlane: {"slope": ((0.0,) * 3, ())},
-    View: {"width": (4.5, 0), "height": (4.5, 0), "left": (0.5, 0.1), "top": (0.5, 0.1)},
+    Viewport: {"width": (4.5, 0), "height": (4.5, 0), "left": (0.5, 0.1), "top": (0.5, 0.1)},
     AberrationMap: {"tilt": ((0.0,) * 3, ()), "vignetting_apertures": (((0.1, 0.0),), ((0.1,),))},
     ThinLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},
     ThickLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},

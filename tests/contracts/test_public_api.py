@@ -38,6 +38,7 @@ PUBLIC = [
     "OutputSettings",
     "Preset",
     "RelativeDisparity",
+    "RenderOptions",
     "RenderReport",
     "RenderResult",
     "RenderSettings",
@@ -150,7 +151,7 @@ def test_a_render_never_needs_torch(engine):
         "image = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32)\n"
         "defocus = np.where(np.arange(50) < 20, 8, -1).astype(np.float32)[None].repeat(40, 0)\n"
         "defocus = bokehnet.DisparityRepair()(image, defocus)\n"
-        f"result = bokehnet.BokehRenderer('{engine}').render(image, defocus)\n"
+        f"result = bokehnet.BokehRenderer('{engine}').render_arrays(image, defocus)\n"
         f"assert (result.neural is None) == ('{engine}' == 'rays') and np.isfinite(result.bokeh).all()\n"
         "assert 'torch' not in sys.modules\n"
         "print('rendered', result.bokeh.shape)\n"
@@ -168,7 +169,7 @@ def test_a_room_that_needs_torch_says_how_to_get_it(module):
 
 def test_results_are_arrays_of_the_documented_shape():
     image = np.full((20, 30, 3), 0.5, np.float32)
-    result = bokehnet.BokehRenderer("scatter").render(image, np.zeros((20, 30), np.float32))
+    result = bokehnet.BokehRenderer("scatter").render_arrays(image, np.zeros((20, 30), np.float32))
     assert result.bokeh.shape == (20, 30, 3)
     assert result.bokeh.dtype == np.float32
     assert result.error_map.shape == (20, 30)

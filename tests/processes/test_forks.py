@@ -30,7 +30,8 @@ def picture():
 def digest(work):
     renderers, repair = work
     image, disparity = picture()
-    found = [renderer.render(image, disparity=disparity, blur=12, focus=0.9).bokeh for renderer in renderers]
+    arrays = {"image": image, "disparity": disparity, "blur": 12, "focus": 0.9}
+    found = [renderer.render_arrays(**arrays).bokeh for renderer in renderers]
     found.append(repair(image, disparity))
     return hashlib.sha256(b"".join(map(np.ndarray.tobytes, found))).hexdigest()
 

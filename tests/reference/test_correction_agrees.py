@@ -11,6 +11,7 @@ from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.engine_registry import CLASSICAL
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
@@ -98,8 +99,10 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     renderer = BokehRenderer("fast", weights=weights)
     calls: list[tuple[int, int]] = []
     memory = 500 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
-    whole = renderer.render(image, defocus)
-    strips = renderer.render(image, defocus, lambda *call: calls.append(call), max_memory=memory)
+    whole = renderer.render_arrays(image, defocus)
+    strips = renderer.render_arrays(
+        image, defocus, lambda *call: calls.append(call), options=RenderOptions(max_memory=memory)
+    )
     assert calls[-1][1] > 2
     file = in_one_file(one_file, image, defocus)
     for found in (whole.bokeh, strips.bokeh, file):
@@ -114,13 +117,16 @@ def test_all_ways_with_an_iunet_agree(pair, radius):
     image, defocus = picture(97, 131), steps(97, 131, radius, seed=4)
     wanted, error_map, _ = in_torch(image, defocus, *random_networks())
     renderer = BokehRenderer("neural", weights=pair)
-    found = renderer.render(image, defocus)
+    found = renderer.render_arrays(image, defocus)
     file = in_one_file(start(build_model(pair, "neural")), image, defocus)
     np.testing.assert_allclose(found.bokeh, wanted, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(file, wanted, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.error_map, error_map, rtol=0, atol=TOLERANCE)
     with pytest.raises(ParameterError, match="these networks need the whole picture"):
-        renderer.render(*(np.tile(x, (9, 1, 1)[: x.ndim]) for x in (image, defocus)), max_memory=5_000_000)
+        renderer.render_arrays(
+            *(np.tile(x, (9, 1, 1)[: x.ndim]) for x in (image, defocus)),
+            options=RenderOptions(max_memory=5_000_000),
+        )
 
 
 def test_fast_is_neural_without_its_iunet(arnet, pair):
@@ -129,5 +135,5 @@ def test_fast_is_neural_without_its_iunet(arnet, pair):
     wanted, _, _ = in_torch(image, defocus, arnet)
     assert np.abs(refined - wanted).max() > 0.01
     renderer, session = BokehRenderer("fast", weights=pair), start(build_model(pair, "fast"))
-    for found in (renderer.render(image, defocus).bokeh, in_one_file(session, image, defocus)):
+    for found in (renderer.render_arrays(image, defocus).bokeh, in_one_file(session, image, defocus)):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=TOLERANCE)

@@ -151,9 +151,9 @@ def try_api(folder, rng):
     way = int(rng.integers(4))
     try:
         if way == 0:
-            result = renderer.render(image, depth)
+            result = renderer.render_arrays(image, depth)
         elif way == 1:
-            result = renderer.render(image, disparity=depth, blur=number(), focus=number())
+            result = renderer.render_arrays(image, disparity=depth, blur=number(), focus=number())
         else:
             source = pick(rng, [RelativeDisparity, MetricDepth, DefocusMap])(map=depth)
             table = {"camera": {pick(rng, ["blur", "f_number", "focal_length"]): number()}}

@@ -9,12 +9,12 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
 from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.checks import check_whole
-from bokehnet.classical.base import Place
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
@@ -78,7 +78,7 @@ def gather_bokeh(
     aperture: Aperture | None = None,
     *,
     samples: int = 512,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
 ) -> np.ndarray:
     """Render by the bokeh gather.
 
@@ -89,7 +89,7 @@ def gather_bokeh(
             corners, the width of the intersection of two discs at distance s. Default: disc.
         samples: Number of samples over the maximum blur of a tile of 32 pixels and its neighbours, at least
             1.
-        place: Position of the pixels in the full picture; default: the whole picture.
+        viewport: Position of the pixels in the full picture; default: the whole picture.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -106,7 +106,7 @@ def gather_bokeh(
     angle, rho = index * GOLDEN_ANGLE, np.sqrt(index / samples)
     shape = outline(aperture)[(angle / (2 * math.pi) % 1 * ANGLES).astype(int) % ANGLES]
     offsets = np.stack([rho * shape * np.cos(angle), rho * shape * np.sin(angle), rho], -1)
-    frame = (place or Place.whole(*defocus.shape)).frame
+    frame = (viewport or Viewport.whole(*defocus.shape)).frame
     bokeh = np.empty_like(image)
     with parallel_region:
         _gather(

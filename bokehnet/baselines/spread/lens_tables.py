@@ -12,9 +12,9 @@ Source: thesis 001, 3.3.2, "PSFs of lenses": spreading with tables of a prescrip
 
 import numpy as np
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.apertures import check_baseline
 from bokehnet.baselines.spread.psf_spreading import normalised
-from bokehnet.classical.base import Place
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError
@@ -91,7 +91,7 @@ def _tables(
     aperture: Aperture, lens_response: LensResponse, lights: np.ndarray, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return square images of points, (pixels, 3), channels of sum 1; their starts, and half their sides."""
-    psf = AberratedPsf(aperture, lens_response, lights, Place.whole(*shape).frame)
+    psf = AberratedPsf(aperture, lens_response, lights, Viewport.whole(*shape).frame)
     halves = np.ceil(psf.margins.max(axis=1)).astype(np.int64) + 1
     middle = lights[:, :2].astype(np.int64)
     column, row = middle[:, 0], middle[:, 1]

@@ -10,7 +10,6 @@ import numba.cuda
 import numpy as np
 from numba import float32, float64
 
-from bokehnet.classical.base import Place
 from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, DefocusBins, bin_runs
 from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
@@ -150,7 +149,7 @@ class CudaMarch:
             self._arrays = tuple(cuda.to_device(np.ascontiguousarray(array)) for array in host_arrays)
             self._cells = weakref.ref(cells, self._release)
         arrays = self._arrays
-        placement = (float(cats_eye), *Place(*place), seed, above, points.shape[1] // SETS)
+        placement = (float(cats_eye), *place, seed, above, points.shape[1] // SETS)
         if before == 0:
             means = cuda.device_array(sums.shape, sums.dtype)  # filled by the kernel
         else:

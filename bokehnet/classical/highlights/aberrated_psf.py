@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Frame
+from bokehnet.arrays.viewport import Frame
 from bokehnet.classical.highlights.psf_images import passing, profile_sums, share_at, vignetting_shares
 from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
 from bokehnet.classical.parallel import parallel_region

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
@@ -187,7 +187,7 @@ def add_lights(
     result: np.ndarray,
     *,
     lens_response: LensResponse | None = None,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
     """Add every light's disc to the pixels of ``rays_mask`` that see it past nearer surfaces.
@@ -201,12 +201,12 @@ def add_lights(
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
         lens_response: Response of the lens; default: a perfect lens.
-        place: Position of the arrays in the shown picture; default: they are all of it.
+        viewport: Position of the arrays in the shown picture; default: they are all of it.
         progress: Callback that receives the completed fraction of the lights, 0 to 1.
     """
     if not len(lights):
         return
-    frame = (place or Place.whole(*rays_mask.shape)).frame
+    frame = (viewport or Viewport.whole(*rays_mask.shape)).frame
     if lens_response is None or lens_response.is_ideal:
         psf: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
     else:

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Frame
+from bokehnet.arrays.viewport import Frame
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, transmission
 

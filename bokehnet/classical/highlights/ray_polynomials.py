@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.base import Frame
+from bokehnet.arrays.viewport import Frame
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.aberration_map import TERMS
 from bokehnet.optics.aberrations.lens_response import LensResponse

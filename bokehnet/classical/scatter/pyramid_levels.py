@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import disc_scatter
 from bokehnet.classical.scatter.disc_scatter import join_channels, split_channels
@@ -159,7 +159,7 @@ def scatter_forward(
     operator: ScatterOperator = DISC,
     *,
     overwrite: bool = False,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
 ) -> np.ndarray:
     """Scatter every pixel over its shape and sum.
 
@@ -169,15 +169,15 @@ def scatter_forward(
         defocus: Signed blur radius in pixels, (H, W), of the same dtype, up to ``LARGEST_RADIUS``.
         operator: Operator of the shape.
         overwrite: True if ``values`` may be overwritten.
-        place: Position of the pixels in the shown picture; default: all of it is shown.
+        viewport: Position of the pixels in the shown picture; default: all of it is shown.
 
     Returns:
         Sums (H, W, C) of the values' dtype.
     """
     if not overwrite:
         values = values.copy()
-    place = place or Place.whole(values.shape[0], values.shape[1])
-    level = _Level((place.height, place.width), 1.0, (place.left, place.top))
+    viewport = viewport or Viewport.whole(values.shape[0], values.shape[1])
+    level = _Level((viewport.height, viewport.width), 1.0, (viewport.left, viewport.top))
     sums = [_forward(group, defocus.copy(), operator, level) for group in split_channels(values)]
     return join_channels(sums, values.shape[2])
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from bokehnet.classical.base import Place, check_inputs
+from bokehnet.arrays.viewport import Viewport
+from bokehnet.classical.base import check_inputs
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
 from bokehnet.optics.aperture import Aperture
@@ -39,14 +40,17 @@ def scatter_on(device: str) -> Callable[..., Any]:
     """
 
     def scatter(
-        image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, place: Place | None = None
+        image: np.ndarray,
+        defocus: np.ndarray,
+        aperture: Aperture | None = None,
+        viewport: Viewport | None = None,
     ) -> np.ndarray:
         light, radii = check_inputs(image, defocus)
         with torch.no_grad():
             picture = torch.from_numpy(light).to(device)
             blur = torch.from_numpy(radii).to(picture).clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
             values = torch.cat([picture, torch.ones_like(picture[..., :1])], -1)
-            sums = scatter_sums(values, blur, aperture, place)
+            sums = scatter_sums(values, blur, aperture, viewport)
             weight = sums[..., -1:]
             lit = weight > 0
             bokeh = torch.where(lit, sums[..., :-1] / torch.where(lit, weight, 1.0), picture)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE
 from bokehnet.classical.scatter.cats_eye import View, every_second, make_view
 from bokehnet.classical.scatter.operators import scatter_operator
@@ -31,7 +31,7 @@ class _Lens(NamedTuple):
 
     shape: Aperture | None
     operator: ScatterOperator
-    place: Place
+    viewport: Viewport
 
 
 def _blocks(picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -121,7 +121,7 @@ def _scatter_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: Vi
 
 def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tensor:
     """Scatter this level and all smaller ones; ``scale`` is the pixel size in full-size pixels."""
-    view, (left, top, full_width, full_height) = None, lens.place
+    view, (left, top, full_width, full_height) = None, lens.viewport.as_tuple()
     if lens.shape and lens.shape.cats_eye:
         view = make_view(lens.shape.cats_eye, (full_height, full_width), scale, (left, top))
     merges = _merges(values.detach(), defocus.detach(), lens.operator)
@@ -156,7 +156,7 @@ def check_dtypes(name: str, values: Tensor, defocus: Tensor) -> None:
 
 @not_compiled  # sizes depend on the data
 def scatter_sums(
-    values: Tensor, defocus: Tensor, aperture: Aperture | None = None, place: Place | None = None
+    values: Tensor, defocus: Tensor, aperture: Aperture | None = None, viewport: Viewport | None = None
 ) -> Tensor:
     """Return the sums of values scattered over shapes, on the device of the tensors.
 
@@ -166,7 +166,7 @@ def scatter_sums(
         defocus: Signed blur radius in pixels, positive in front of focus, (H, W), of the same dtype and
             device, at most ``LARGEST_RADIUS``.
         aperture: Shape of the aperture; default: a disc.
-        place: Position of the pixels in the full picture, for a cat's-eye; default: the whole picture.
+        viewport: Position of the pixels in the full picture, for a cat's-eye; default: the whole picture.
 
     Returns:
         Sums (H, W, C), bit-identical in every run, once differentiable in both tensors.
@@ -176,5 +176,5 @@ def scatter_sums(
     """
     check_dtypes("values", values, defocus)
     shape = None if aperture is None or aperture.is_disc else aperture
-    place = place or Place.whole(defocus.shape[0], defocus.shape[1])
-    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), place), 1.0)
+    viewport = viewport or Viewport.whole(defocus.shape[0], defocus.shape[1])
+    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), viewport), 1.0)

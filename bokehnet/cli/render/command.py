@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,10 @@ from bokehnet.errors import ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.preset import presets
 from bokehnet.settings.settings import group_types
+
+if TYPE_CHECKING:
+    from bokehnet.cli.render.frame import FrameJob
+    from bokehnet.cli.render.summary import SummaryPrinter
 
 __all__ = ["render"]
 
@@ -61,19 +65,11 @@ def render(
         RunSettings(**option_values.pop("run", {})),
     )
     resolved = resolved_settings(settings, preset, option_values)
-    from bokehnet.cli.commands.models import ensure_model
-    from bokehnet.cli.progress import compile_notice
-    from bokehnet.cli.render.frame import (  # after parsing, so --help stays fast
-        FrameJob,
-        frame_jobs,
-        render_one,
-    )
+    from bokehnet.cli.render.frame import FrameJob  # after parsing, so --help stays fast
     from bokehnet.cli.render.summary import make_summary_printer
     from bokehnet.io.video.frames import is_video
-    from bokehnet.sequence.frame_names import is_pattern
 
     printer = make_summary_printer(quiet=quiet, verbose=verbose, as_json=as_json)
-
     if is_video(image):
         from bokehnet.cli.render.video import render_video
 
@@ -83,26 +79,51 @@ def render(
         raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
     job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
     if sequence.frames is None:
-        if (sequence, run) != (SequenceSettings(), RunSettings()):
-            raise ParameterError(
-                "sequence.frames",
-                expected="frames, which --jobs, --overwrite, --pull, --ray, --steady "
-                "and the options -from and -to need",
-                shown="none",
-            )
-        if is_pattern(job.image) and not job.image.exists():
-            raise ParameterError(
-                "sequence.frames",
-                expected=f"frames such as 1001-1100, since {image} names a sequence",
-                shown="none",
-            )
-        job.check()
-        ensure_model(resolved.input.depth_model)
-        with compile_notice(hidden=quiet):
-            printer.print_single(render_one(job, quiet=quiet))
-        return
+        _check_single(job, sequence, run)
+        _render_single(job, printer, quiet)
+    else:
+        _render_sequence(job, sequence, run, printer, quiet)
+
+
+def _check_single(job: "FrameJob", sequence: SequenceSettings, run: RunSettings) -> None:
+    """Raise ``ParameterError`` if options or the name of the picture belong to a sequence."""
+    from bokehnet.sequence.frame_names import is_pattern
+
+    if (sequence, run) != (SequenceSettings(), RunSettings()):
+        raise ParameterError(
+            "sequence.frames",
+            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady "
+            "and the options -from and -to need",
+            shown="none",
+        )
+    if is_pattern(job.image) and not job.image.exists():
+        raise ParameterError(
+            "sequence.frames",
+            expected=f"frames such as 1001-1100, since {job.image} names a sequence",
+            shown="none",
+        )
+
+
+def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> None:
+    from bokehnet.cli.commands.models import ensure_model
+    from bokehnet.cli.progress import compile_notice
+    from bokehnet.cli.render.frame import render_one
+
+    job.check()
+    ensure_model(job.settings.input.depth_model)
+    with compile_notice(hidden=quiet):
+        printer.print_single(render_one(job, quiet=quiet))
+
+
+def _render_sequence(
+    job: "FrameJob", sequence: SequenceSettings, run: RunSettings, printer: "SummaryPrinter", quiet: bool
+) -> None:
+    from bokehnet.cli.commands.models import ensure_model
+    from bokehnet.cli.progress import compile_notice
+    from bokehnet.cli.render.frame import frame_jobs
+
     jobs = frame_jobs(job, sequence)
-    ensure_model(resolved.input.depth_model)
+    ensure_model(job.settings.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
     from bokehnet.cli.render.cluster_frames import render_on_cluster

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 import bokehnet
-from bokehnet import ApertureSettings, CameraSettings, FocusSettings, RenderSettings
+from bokehnet import ApertureSettings, CameraSettings, FocusSettings, RenderOptions, RenderSettings
 
 image: npt.NDArray[np.float32] = bokehnet.read_image("photo.jpg")  # 1
 bokehnet.write_image(Path("out.png"), image, quality=90, bits=16)  # 2
@@ -19,8 +19,8 @@ shot = bokehnet.make_scene(image, bokehnet.MetricDepth(map=image[..., 0], unit="
 renderer = bokehnet.BokehRenderer("rays", aperture=bokehnet.Aperture(blades=6, curvature=0.4))  # 8
 result: bokehnet.RenderResult = renderer.render(scene, settings)  # 9
 result.save("out.exr")  # 10
-bokeh: npt.NDArray[np.float32] = renderer.render(image, image[..., 0]).bokeh  # 11
-renderer.render(image, disparity=image[..., 0], blur=60, focus=0.35, gamma=1.0)  # 12
+bokeh: npt.NDArray[np.float32] = renderer.render_arrays(image, image[..., 0]).bokeh  # 11
+renderer.render_arrays(image, disparity=image[..., 0], blur=60, options=RenderOptions(gamma=1.0))  # 12
 renderer.render(scene, settings, lambda done, total: None, cancel=Event())  # 13
 blades: int = settings.updated({"aperture": {"blades": 9}}).aperture.blades  # 14
 engine: str = result.report.engine  # 15

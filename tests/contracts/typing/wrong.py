@@ -23,7 +23,7 @@ bokehnet.EngineSettings(name="magic")  # 10
 bokehnet.BokehRenderer("magic")  # 11
 bokehnet.BokehRenderer("rays", aperture="round")  # 12
 renderer.render(scene, 60)  # 13
-renderer.render(image, defocus="blur")  # 14
+renderer.render_arrays(image, defocus="blur")  # 14
 renderer.render(scene, RenderSettings(), cancel=True)  # 15
 bokehnet.make_scene(image, image)  # 16
 bokehnet.RelativeDisparity(image)  # 17

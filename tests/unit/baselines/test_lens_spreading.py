@@ -7,6 +7,7 @@ import pytest
 
 from bokehnet import baselines
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
@@ -82,7 +83,9 @@ def test_engines_hand_it_the_lens_and_tables_have_a_limit(lens_response):
     defocus = np.full((20, 24), 4.0, np.float32)
     colours = LensResponse(chromatic_aberration=ChromaticAberration(axial=1))
     for given in (lens_response, colours):
-        got = Engine("lens_spreading").render(image, defocus, lens_response=given).bokeh
+        got = (
+            Engine("lens_spreading").render(image, defocus, options=RenderOptions(lens_response=given)).bokeh
+        )
         assert np.array_equal(got, baselines.lens_spreading(image, defocus, lens_response=given))
         assert np.abs(got - baselines.lens_spreading(image, defocus)).max() > 1e-3
     with pytest.raises(ParameterError, match=r"^defocus: expected blur radii of at most 64"):

@@ -9,6 +9,7 @@ from bokehnet import Aperture, BokehRenderer, RenderSettings, baselines, read_im
 from bokehnet.baselines import BASELINES
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.image import write_map
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -85,9 +86,9 @@ def test_what_a_method_does_not_know_is_refused(name):
     )
     if name != "lens_spreading":
         with pytest.raises(ParameterError, match=r"^engine: expected one that supports aberrations"):
-            Engine(name).render(image, defocus, lens_response=fringes)
+            Engine(name).render(image, defocus, options=RenderOptions(lens_response=fringes))
     with pytest.raises(ParameterError, match=r"^max_memory: expected None"):
-        Engine(name).render(image, defocus, max_memory=10**9)
+        Engine(name).render(image, defocus, options=RenderOptions(max_memory=10**9))
     with pytest.raises(ShapeError):
         method(image, defocus[1:])
     with pytest.raises(ParameterError, match="defocus"):
@@ -137,7 +138,7 @@ def test_compare_runs_a_baseline_on_files(cli, tmp_path):
         }
     )
     (compared,) = compare_engines(read_scene(tmp_path / "in.exr", settings), settings, ["overlap"])
-    wanted = BokehRenderer("overlap").render(read_image(tmp_path / "in.exr"), defocus).bokeh
+    wanted = BokehRenderer("overlap").render_arrays(read_image(tmp_path / "in.exr"), defocus).bokeh
     assert np.abs(compared.bokeh - wanted).max() < 0.02
     words = ["compare", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--blur", 7.5, "--focus", 0.4]
     refused = cli(*words, "-o", tmp_path / "no.png", "--engines", "overlap", "--blades", 5)

@@ -12,6 +12,7 @@ from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surface
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import gamma_curve
@@ -94,8 +95,8 @@ def test_strips_take_what_is_known_of_their_rows(engine):
     image = image * np.random.default_rng(1).uniform(0.5, 1, (900, 96, 1)).astype(np.float32)
     renderer = Engine(engine)
     memory = 500 * 96 * CLASSICAL["rays"].bytes_per_pixel
-    whole = renderer.render(image, defocus, known=known)
-    parts = renderer.render(image, defocus, known=known, max_memory=memory)
+    whole = renderer.render(image, defocus, options=RenderOptions(known=known))
+    parts = renderer.render(image, defocus, options=RenderOptions(known=known, max_memory=memory))
     assert np.mean((whole.bokeh - parts.bokeh) ** 2) < 1e-6
     if engine == "rays":
         assert whole.largest_blur == parts.largest_blur == 12
@@ -106,7 +107,7 @@ def test_gamma_weighs_the_known_colours_as_it_weighs_the_picture():
     """A sharp wire before a blurred wall of one colour: ``decode(a encode(F) + (1 - a) encode(B))``."""
     image, defocus, known = wire(near=0.0)
     known, defocus = replace(known, far=known.far - 6), defocus - 6
-    found = Engine("rays").render(image, defocus, known=known, gamma=2.0).bokeh[20, 32]
+    found = Engine("rays").render(image, defocus, options=RenderOptions(known=known, gamma=2.0)).bokeh[20, 32]
     curve = gamma_curve(image, 2.0)
     front, back = (curve.encode(side[:1])[0] for side in (known.front, known.back))
     np.testing.assert_allclose(found, curve.decode(0.25 * front + 0.75 * back), atol=0.01)
@@ -157,7 +158,7 @@ def test_pixels_outside_the_picture_are_refused():
     with pytest.raises(ParameterError, match="known rows: expected pixels of a picture of 64x20"):
         rays(image[:20], defocus[:20], known=known)
     with pytest.raises(ParameterError, match="known: expected KnownSurfaces or None"):
-        Engine("rays").render(image, defocus, known="all")
+        Engine("rays").render(image, defocus, options=RenderOptions(known="all"))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (6, 6)])

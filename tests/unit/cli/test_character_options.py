@@ -36,10 +36,10 @@ def assert_rendered_through(cli, words, defocus, aberration_map):
     outcome = cli(*words, *even, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image = read_image(words[1])
-    plain = BokehRenderer("rays").render(image, defocus).bokeh
+    plain = BokehRenderer("rays").render_arrays(image, defocus).bokeh
     bokeh = (
         BokehRenderer("rays", lens_response=LensResponse(aberration_map=aberration_map))
-        .render(image, defocus)
+        .render_arrays(image, defocus)
         .bokeh
     )
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)

@@ -5,7 +5,7 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette
+from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Viewport, Vignette
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.render.renderer import BokehRenderer
@@ -47,7 +47,7 @@ def test_options_are_the_effects_of_the_library(folder, cli, options, wanted):
     outcome = cli(*WORDS, *options, "-o", "out.exr", "--save-maps", "maps", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
-    plain = BokehRenderer("scatter").render(read_image("photo.png"), defocus).bokeh
+    plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
     bokeh = CameraEffects(**wanted).apply(plain)
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
@@ -83,7 +83,7 @@ def test_frames_have_a_grain_of_their_own_that_comes_back(folder, cli):
     first = [read_image(f"out.0{number}.exr") for number in (7, 8)]
     assert np.abs(first[0] - first[1]).max() > 0.02
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
-    plain = BokehRenderer("scatter").render(read_image("photo.png"), defocus).bokeh
+    plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
     wanted = CameraEffects(grain=Grain(iso=6400.0)).apply(plain, frame=8)
     assert_allclose(first[1], wanted, rtol=HALF, atol=1e-5)
 
@@ -130,7 +130,7 @@ def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
     effects = CameraEffects(
         distortion=DivisionModel(strength=-0.1), vignette=Vignette(stops=1.0), grain=Grain(iso=1600.0)
     )
-    view = View(width=WIDTH - 16, height=HEIGHT - 8, left=-8, top=-4)
+    view = Viewport(width=WIDTH - 16, height=HEIGHT - 8, left=-8, top=-4)
     wanted = effects.apply(np.stack([plain[name] for name in "RGB"], -1), view=view)
     for number, name in enumerate("RGB"):
         assert_allclose(found[name], wanted[..., number], atol=1e-5)

@@ -54,8 +54,8 @@ def test_options_are_those_of_the_renderer(folder, cli, options, lens_response):
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))
-    plain = BokehRenderer("rays").render(image, defocus).bokeh
-    bokeh = BokehRenderer("rays", lens_response=lens_response).render(image, defocus).bokeh
+    plain = BokehRenderer("rays").render_arrays(image, defocus).bokeh
+    bokeh = BokehRenderer("rays", lens_response=lens_response).render_arrays(image, defocus).bokeh
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from bokehnet.engines.options import RenderOptions
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.tone import Highlights
@@ -33,8 +34,8 @@ def test_options_are_those_of_the_renderer(folder, cli, options, wanted):
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))
-    plain = BokehRenderer("scatter").render(image, defocus).bokeh
-    bokeh = BokehRenderer("scatter").render(image, defocus, **wanted).bokeh
+    plain = BokehRenderer("scatter").render_arrays(image, defocus).bokeh
+    bokeh = BokehRenderer("scatter").render_arrays(image, defocus, options=RenderOptions(**wanted)).bokeh
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 

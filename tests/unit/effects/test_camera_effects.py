@@ -8,7 +8,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.effects import CameraEffects, DivisionModel, Grain, View, Vignette, Warp
+from bokehnet.effects import CameraEffects, DivisionModel, Grain, Viewport, Vignette, Warp
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.vignette import cos4_factor, rim_factor
 
@@ -32,7 +32,7 @@ def test_by_default_a_picture_is_returned_as_it_is():
 
 def test_the_lens_comes_first_then_its_shade_then_the_sensor():
     """Oracle: the single effects in that order, each tested by itself."""
-    view = View.of(IMAGE)
+    view = Viewport.of(IMAGE)
     field = view.field(slice(0, 40), 60, IMAGE)
     warped = Warp(distortion=EVERYTHING.distortion, lateral=0.004).apply(IMAGE)
     factor = cos4_factor(field, 35) * rim_factor(field, 0.8) * EVERYTHING.vignette.factor(field, 1.5)
@@ -62,7 +62,7 @@ def test_shade_and_grain_of_a_part_are_those_of_the_whole():
     """Also where the part crosses the bands of rows in which the whole is made."""
     effects = dataclasses.replace(EVERYTHING, distortion=None, lateral=0.0)
     image = RNG.random((300, 30, 3), dtype=np.float32)
-    part = effects.apply(image[241:290, 11:25], view=View(width=30, height=300, left=11, top=241))
+    part = effects.apply(image[241:290, 11:25], view=Viewport(width=30, height=300, left=11, top=241))
     assert_array_equal(part, effects.apply(image)[241:290, 11:25])
 
 
@@ -149,7 +149,7 @@ def test_colour_that_a_vignette_takes_comes_back_and_alpha_stays(kind):
     corner, middle = np.asarray(found)[0, 0, :3], np.asarray(found)[20, 30, :3]
     assert_allclose(middle, IMAGE[20, 30])
     wanted = 0.2126 * IMAGE[0, 0, 0] + 0.7152 * IMAGE[0, 0, 1] + 0.0722 * IMAGE[0, 0, 2]
-    darker = vignette.factor(View.of(IMAGE).field(slice(0, 1), 60, IMAGE), 1.5)[0, 0]
+    darker = vignette.factor(Viewport.of(IMAGE).field(slice(0, 1), 60, IMAGE), 1.5)[0, 0]
     left = 1 - 0.8 * np.log2(darker) / -0.5  # the factor is 2^(-stops m)
     assert_allclose(corner, darker * (wanted + left * (IMAGE[0, 0] - wanted)), rtol=1e-4)
     assert_allclose(np.asarray(effects.undo(found)), layer, atol=1e-5)

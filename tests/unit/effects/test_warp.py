@@ -8,7 +8,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.effects import BrownConrady, DivisionModel, View, Warp
+from bokehnet.effects import BrownConrady, DivisionModel, Viewport, Warp
 from bokehnet.errors import ParameterError
 
 RNG = np.random.default_rng(0)
@@ -38,7 +38,7 @@ def test_light_lands_where_the_model_sends_it(model, place):
 
     The middle of a dot of some size is off by the bend of the map within it.
     """
-    view = View(width=160, height=120)
+    view = Viewport(width=160, height=120)
     image, warp = lamp(view, place), Warp(distortion=model)
     scale = warp.scale(image, view)
     wanted = model.distort(np.asarray(place) / scale)
@@ -48,7 +48,7 @@ def test_light_lands_where_the_model_sends_it(model, place):
 
 def test_blue_goes_out_and_red_in():
     """Authority: the magnifications 1 - m / 2 and 1 + m / 2, after the crop."""
-    view, place = View(width=160, height=120), np.array([0.5, -0.3])
+    view, place = Viewport(width=160, height=120), np.array([0.5, -0.3])
     image, warp = lamp(view, place), Warp(lateral=0.04)
     scale = warp.scale(image, view)
     result = warp.apply(image)
@@ -64,7 +64,7 @@ def test_no_border_shows_and_nothing_is_wasted(model, lateral, width, height):
     """With all light 1 the result is 1; a scale larger by 1 % looks beyond the picture."""
     warp, image = Warp(distortion=model, lateral=lateral), np.ones((height, width, 3))
     assert_allclose(warp.apply(image), 1, atol=1e-12)
-    view = View.of(image)
+    view = Viewport.of(image)
     border = view.border(image)
     looked = []
     for magnification in (1 - lateral / 2, 1.0, 1 + lateral / 2):
@@ -79,7 +79,7 @@ def test_no_border_shows_and_nothing_is_wasted(model, lateral, width, height):
 @pytest.mark.parametrize(("strength", "nearest"), [(-0.3, (79.5, 59.5)), (0.3, (0.5, 59.5))])
 def test_the_crop_of_division_is_known(strength, nearest):
     """Arithmetic: the scale is 1 + K r^2, r the corner for a barrel, else the middle of the long side."""
-    view = View(width=160, height=120)
+    view = Viewport(width=160, height=120)
     radius = np.hypot(*nearest) / view.half_diagonal
     scale = Warp(distortion=DivisionModel(strength=strength)).scale(np.ones((120, 160, 3)), view)
     assert scale == pytest.approx(1 + strength * radius**2)
@@ -108,12 +108,12 @@ def test_overscan_takes_the_place_of_the_crop(model):
     """Enough of it: no scale but a pincushion's own; light as from a picture without border."""
     margin = 60
     image = smooth(120 + 2 * margin, 160 + 2 * margin)
-    view = View(width=160, height=120, left=-margin, top=-margin)
+    view = Viewport(width=160, height=120, left=-margin, top=-margin)
     warp = Warp(distortion=model)
     scale = warp.scale(image, view)
-    cropped = warp.scale(np.ones((120, 160, 3)), View(width=160, height=120))
+    cropped = warp.scale(np.ones((120, 160, 3)), Viewport(width=160, height=120))
     assert scale == pytest.approx(max(1, cropped))
-    field = View(width=160, height=120).field(slice(0, 120), 160, image)
+    field = Viewport(width=160, height=120).field(slice(0, 120), 160, image)
     x, y = np.moveaxis(view.places(scale * model.undistort(field)), -1, 0)
     waves = [np.sin(x / 7 + c) * np.cos(y / 9 - c) for c in range(3)]
     shown = warp.apply(image, view)[margin:-margin, margin:-margin]
@@ -121,9 +121,9 @@ def test_overscan_takes_the_place_of_the_crop(model):
 
 
 def test_too_little_overscan_is_used_up():
-    image, view = np.ones((126, 166, 3)), View(width=160, height=120, left=-3, top=-3)
+    image, view = np.ones((126, 166, 3)), Viewport(width=160, height=120, left=-3, top=-3)
     warp = Warp(distortion=BARREL)
-    assert warp.scale(np.ones((120, 160, 3)), View(width=160, height=120)) < warp.scale(image, view) < 1
+    assert warp.scale(np.ones((120, 160, 3)), Viewport(width=160, height=120)) < warp.scale(image, view) < 1
     assert_allclose(warp.apply(image, view)[3:-3, 3:-3], 1, atol=1e-12)
 
 
@@ -132,7 +132,7 @@ def test_a_part_of_the_picture_is_the_part_of_the_whole_over_black(model):
     """Oracle: the whole picture with black around that part."""
     whole = np.zeros((120, 160, 4))
     whole[40:70, 90:140] = RNG.random((30, 50, 4))
-    view = View(width=160, height=120, left=80, top=30)
+    view = Viewport(width=160, height=120, left=80, top=30)
     warp = Warp(distortion=model)
     part = warp.apply(whole[30:80, 80:150], view)
     assert_allclose(part, warp.apply(whole)[30:80, 80:150], atol=1e-12)
@@ -141,7 +141,7 @@ def test_a_part_of_the_picture_is_the_part_of_the_whole_over_black(model):
 @pytest.mark.parametrize("margin", [40, 200])
 def test_overscan_beyond_the_reach_of_a_model_is_black(margin):
     image = np.ones((100 + 2 * margin, 100 + 2 * margin, 3))
-    view = View(width=100, height=100, left=-margin, top=-margin)
+    view = Viewport(width=100, height=100, left=-margin, top=-margin)
     for model in (DivisionModel(strength=0.8), BrownConrady(radial=(-0.12, 0.0, 0.0))):
         result = Warp(distortion=model).apply(image, view)
         assert np.isfinite(result).all()

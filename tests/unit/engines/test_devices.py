@@ -10,6 +10,7 @@ from bokehnet.cli.app import run
 from bokehnet.engines import devices
 from bokehnet.engines.devices import device_of, providers_on
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.io.image import write_image, write_map
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -150,7 +151,7 @@ def test_every_engine_matches_the_cpu(name):
 def test_strips_and_threads_give_the_same_picture_on_a_device():
     engine, (image, radii) = Engine("rays", device="cuda"), _picture(1200, 300)
     whole, brighter = (engine.render(picture, radii).bokeh for picture in (image, 2 * image))
-    strips = engine.render(image, radii, max_memory=40_000_000).bokeh
+    strips = engine.render(image, radii, options=RenderOptions(max_memory=40_000_000)).bokeh
     assert np.abs(strips - whole).max() < 1e-3
     with ThreadPoolExecutor(2) as pool:
         futures = [pool.submit(engine.render, picture, radii) for picture in (image, 2 * image, image)]
@@ -166,6 +167,7 @@ def test_an_aberrated_lens_is_refused_on_a_device():
     image, radii = _picture()
     lens = LensResponse(aberration_map=AberrationSliders(coma=8.0).aberration_map())
     with pytest.raises(ParameterError, match="expected cpu for a lens that does more than focus"):
-        Engine("rays", device="cuda").render(image, radii, lens_response=lens)
-    expected = Engine("rays").render(image, radii, lens_response=lens).bokeh
-    assert (Engine("rays", device="auto").render(image, radii, lens_response=lens).bokeh == expected).all()
+        Engine("rays", device="cuda").render(image, radii, options=RenderOptions(lens_response=lens))
+    expected = Engine("rays").render(image, radii, options=RenderOptions(lens_response=lens)).bokeh
+    result = Engine("rays", device="auto").render(image, radii, options=RenderOptions(lens_response=lens))
+    assert (result.bokeh == expected).all()

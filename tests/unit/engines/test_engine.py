@@ -10,6 +10,7 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.engines import tiling
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
@@ -44,7 +45,7 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     """One body serves training and inference: the same picture to float precision, odd sizes included."""
     folder, (arnet, iunet) = pair
     image, defocus = picture(height, width, radius)
-    result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
+    result = BokehRenderer("hybrid", weights=folder).render_arrays(image, defocus)
     classical = scatter(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
     error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
@@ -118,7 +119,7 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
     folder, _ = pair
     image, defocus = picture(64, 64, 6)
     image[10, 50] = 1000.0
-    result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
+    result = BokehRenderer("hybrid", weights=folder).render_arrays(image, defocus)
     zero = geometric_error_map(defocus) == 0
     assert zero[10, 50]
     assert_array_equal(result.bokeh[zero], result.classical[zero])
@@ -128,7 +129,7 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
 
 def test_the_scatter_engine_is_the_scatter():
     image, defocus = picture(40, 50, 8)
-    result = BokehRenderer("scatter").render(image, defocus)
+    result = BokehRenderer("scatter").render_arrays(image, defocus)
     assert_array_equal(result.bokeh, scatter(image, defocus))
     assert result.neural is None
 
@@ -136,7 +137,7 @@ def test_the_scatter_engine_is_the_scatter():
 def test_the_default_engine_is_the_rays():
     image, defocus = picture(40, 50, 8)
     renderer = BokehRenderer()
-    result = renderer.render(image, defocus)
+    result = renderer.render_arrays(image, defocus)
     assert renderer.engine == "rays"
     assert_array_equal(result.bokeh, rays(image, defocus))
     assert_array_equal(result.classical, result.bokeh)
@@ -151,9 +152,9 @@ PENTAGON = Aperture(blades=5, rotation=20)
 )
 def test_the_aperture_reaches_the_engine(engine, wanted):
     image, defocus = picture(40, 50, 8)
-    result = BokehRenderer(engine, aperture=PENTAGON).render(image, defocus)
+    result = BokehRenderer(engine, aperture=PENTAGON).render_arrays(image, defocus)
     assert_array_equal(result.bokeh, wanted(image, defocus, PENTAGON))
-    assert np.abs(result.bokeh - BokehRenderer(engine).render(image, defocus).bokeh).max() > 0.01
+    assert np.abs(result.bokeh - BokehRenderer(engine).render_arrays(image, defocus).bokeh).max() > 0.01
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
@@ -163,12 +164,12 @@ def test_gamma_is_the_curve_around_the_engine(engine):
     image[5, 7] = 50.0
     curve = gamma_curve(image, 2.5)
     renderer = BokehRenderer(engine)
-    result = renderer.render(image, defocus, gamma=2.5)
-    wanted = curve.decode(renderer.render(curve.encode(image), defocus).bokeh)
+    result = renderer.render_arrays(image, defocus, options=RenderOptions(gamma=2.5))
+    wanted = curve.decode(renderer.render_arrays(curve.encode(image), defocus).bokeh)
     assert_array_equal(result.bokeh, wanted)
     assert_array_equal(result.classical, wanted)
     assert result.bokeh.dtype == np.float32
-    assert result.bokeh.mean() > 1.2 * renderer.render(image, defocus).bokeh.mean()
+    assert result.bokeh.mean() > 1.2 * renderer.render_arrays(image, defocus).bokeh.mean()
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
@@ -177,7 +178,7 @@ def test_powers_of_small_and_large_values_neither_underflow_nor_overflow(engine,
     """Authority: a mean lies between the least and the largest of its values."""
     image, defocus = picture(40, 50, 8)
     image = 10 ** (10 * image - 6)
-    result = BokehRenderer(engine).render(image, defocus, gamma=gamma)
+    result = BokehRenderer(engine).render_arrays(image, defocus, options=RenderOptions(gamma=gamma))
     assert result.bokeh.min() >= 0.99e-6
     assert result.bokeh.max() <= 1.01e4
 
@@ -187,9 +188,11 @@ def test_highlights_are_expanded_before_and_stay_unclipped():
     image, defocus = picture(40, 50, 8)
     curve = Highlights(threshold=0.7, gain=5)
     renderer = BokehRenderer("scatter")
-    result = renderer.render(image, defocus, highlights=curve)
-    assert_array_equal(result.bokeh, renderer.render(curve.expand(image), defocus).bokeh)
-    sharp = renderer.render(image, np.zeros_like(defocus), highlights=curve).bokeh
+    result = renderer.render_arrays(image, defocus, options=RenderOptions(highlights=curve))
+    assert_array_equal(result.bokeh, renderer.render_arrays(curve.expand(image), defocus).bokeh)
+    sharp = renderer.render_arrays(
+        image, np.zeros_like(defocus), options=RenderOptions(highlights=curve)
+    ).bokeh
     assert sharp.max() > 4
     assert_allclose(curve.compress(sharp), image, rtol=1e-5)
 
@@ -198,16 +201,18 @@ def test_the_hybrid_takes_highlights(pair):
     image, defocus = picture(40, 50, 8)
     curve = Highlights(threshold=0.7, gain=5)
     renderer = BokehRenderer("hybrid", weights=pair[0])
-    result = renderer.render(image, defocus, highlights=curve)
-    assert_array_equal(result.bokeh, renderer.render(curve.expand(image), defocus).bokeh)
+    result = renderer.render_arrays(image, defocus, options=RenderOptions(highlights=curve))
+    assert_array_equal(result.bokeh, renderer.render_arrays(curve.expand(image), defocus).bokeh)
 
 
 def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair):
     image, defocus = picture(40, 50, 8)
-    result = BokehRenderer("hybrid", aperture=PENTAGON, weights=pair[0]).render(image, defocus)
+    result = BokehRenderer("hybrid", aperture=PENTAGON, weights=pair[0]).render_arrays(image, defocus)
     assert_array_equal(result.classical, scatter(image, defocus, PENTAGON))
     assert (
-        np.abs(result.bokeh - BokehRenderer("hybrid", weights=pair[0]).render(image, defocus).bokeh).max()
+        np.abs(
+            result.bokeh - BokehRenderer("hybrid", weights=pair[0]).render_arrays(image, defocus).bokeh
+        ).max()
         > 0.01
     )
 
@@ -215,13 +220,13 @@ def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair
 def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
     renderer = BokehRenderer("hybrid", weights=pair[0])
     with pytest.raises(ParameterError, match=r"gamma: expected 1, .* got 2; use the engine `scatter`"):
-        renderer.render(*picture(20, 30, 4), gamma=2)
+        renderer.render_arrays(*picture(20, 30, 4), options=RenderOptions(gamma=2))
 
 
 def test_progress_is_reported_to_the_end(pair):
     folder, _ = pair
     seen = []
-    BokehRenderer("hybrid", weights=folder).render(
+    BokehRenderer("hybrid", weights=folder).render_arrays(
         *picture(32, 32, 4), lambda done, total: seen.append((done, total))
     )
     assert seen[0][0] == 0
@@ -236,8 +241,8 @@ def test_bad_arguments_are_named():
         BokehRenderer("rays2")
     for gamma in (0.1, 6.0, np.nan):
         with pytest.raises(ParameterError, match=r"^gamma: expected"):
-            BokehRenderer("scatter").render(image, defocus, gamma=gamma)
+            BokehRenderer("scatter").render_arrays(image, defocus, options=RenderOptions(gamma=gamma))
     with pytest.raises(ShapeError, match="30x20 pixels but defocus is 20x30"):
-        BokehRenderer("scatter").render(image, defocus.T)
+        BokehRenderer("scatter").render_arrays(image, defocus.T)
     with pytest.raises(ParameterError, match="NaN"):
-        BokehRenderer("scatter").render(image, np.full_like(defocus, np.nan))
+        BokehRenderer("scatter").render_arrays(image, np.full_like(defocus, np.nan))

@@ -10,6 +10,7 @@ from scipy.stats import spearmanr
 from bokehnet.arrays.pyramid import crop_to, upsample2
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import _enlarged
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.io.channels import read_channels
 from bokehnet.io.color.srgb import linear_to_srgb
@@ -21,7 +22,7 @@ from tests.unit.engines.test_coarse_to_fine import picture
 
 def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
     image, defocus = picture(31, 43, 5)
-    told = BokehRenderer("rays").render(image, defocus, expected_error=True)
+    told = BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(expected_error=True))
     told.save(tmp_path / "plain.exr")
     asked = replace(told, output=OutputSettings(expected_error="on"))
     asked.save(tmp_path / "told.exr")
@@ -36,7 +37,10 @@ def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
 def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
     image, defocus = picture(61, 83, 9)
     renderer = BokehRenderer(engine)
-    plain, told = renderer.render(image, defocus), renderer.render(image, defocus, expected_error=True)
+    plain, told = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(expected_error=True)),
+    )
     assert plain.expected_error is None
     assert_array_equal(told.bokeh, plain.bokeh)
     assert told.expected_error.shape == (61, 83)
@@ -46,7 +50,10 @@ def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
 
 def test_a_hybrid_tells_that_of_its_rays():
     image, defocus = picture(61, 83, 9)
-    rays, hybrid = (Engine(name).render(image, defocus, expected_error=True) for name in ("rays", "hybrid"))
+    rays, hybrid = (
+        Engine(name).render(image, defocus, options=RenderOptions(expected_error=True))
+        for name in ("rays", "hybrid")
+    )
     assert_array_equal(rays.expected_error, hybrid.expected_error)
 
 
@@ -54,8 +61,8 @@ def test_strips_tell_what_the_whole_tells():
     """Oracle: the whole picture at once."""
     image, defocus = picture(700, 96, 6)
     engine = Engine("rays")
-    whole = engine.render(image, defocus, expected_error=True)
-    strips = engine.render(image, defocus, expected_error=True, max_memory=6_000_000)
+    whole = engine.render(image, defocus, options=RenderOptions(expected_error=True))
+    strips = engine.render(image, defocus, options=RenderOptions(expected_error=True, max_memory=6_000_000))
     assert strips.classical is strips.bokeh  # one array of all strips
     assert_allclose(strips.expected_error, whole.expected_error, rtol=2e-2, atol=0.05)
 
@@ -64,7 +71,11 @@ def test_strips_tell_what_the_whole_tells():
 @pytest.mark.parametrize("light", [0.0, 1.0, 1e5])
 def test_it_is_finite_whatever_the_picture(height, width, light):
     image, defocus = picture(height, width, 90.0)  # seen halved twice
-    found = Engine("rays").render(light * image, defocus, expected_error=True).expected_error
+    found = (
+        Engine("rays")
+        .render(light * image, defocus, options=RenderOptions(expected_error=True))
+        .expected_error
+    )
     assert found.shape == (height, width)
     assert np.isfinite(found).all()
 
@@ -93,7 +104,7 @@ def test_a_small_copy_is_enlarged_as_the_whole_at_once():
 def test_where_nothing_was_learned_nothing_is_told(engine, options, words):
     image, defocus = picture(16, 16, 3)
     with pytest.raises(ParameterError, match=words):
-        Engine(engine).render(image, defocus, expected_error=True, **options)
+        Engine(engine).render(image, defocus, options=RenderOptions(expected_error=True, **options))
 
 
 def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
@@ -102,7 +113,9 @@ def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[2].read()
-    result = Engine("rays").render(shot.image, shot.defocus, aperture=shot.aperture, expected_error=True)
+    result = Engine("rays").render(
+        shot.image, shot.defocus, options=RenderOptions(aperture=shot.aperture, expected_error=True)
+    )
     found, wanted = (linear_to_srgb(np.clip(x, 0, 1)) for x in (result.bokeh, shot.truth))
     true = 255 * np.abs(found - wanted).mean(-1)  # levels
     near = result.error_map > 0

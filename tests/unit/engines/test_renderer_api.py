@@ -7,7 +7,9 @@ import onnxruntime
 import pytest
 from numpy.testing import assert_array_equal
 
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
+from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.render.renderer import BokehRenderer
 
@@ -22,8 +24,10 @@ def picture() -> tuple[np.ndarray, np.ndarray]:
 def test_disparity_blur_and_focus_are_a_defocus():
     image, disparity = picture()
     renderer = BokehRenderer("scatter")
-    direct = renderer.render(image, disparity=disparity, blur=12, focus=0.2)
-    assert_array_equal(direct.bokeh, renderer.render(image, defocus_from_disparity(disparity, 12, 0.2)).bokeh)
+    direct = renderer.render_arrays(image, disparity=disparity, blur=12, focus=0.2)
+    assert_array_equal(
+        direct.bokeh, renderer.render_arrays(image, defocus_from_disparity(disparity, 12, 0.2)).bokeh
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,7 +45,42 @@ def test_disparity_blur_and_focus_are_a_defocus():
 )
 def test_half_a_defocus_is_refused(given, message):
     with pytest.raises(ParameterError, match=message):
-        BokehRenderer("scatter").render(picture()[0], **given)
+        BokehRenderer("scatter").render_arrays(picture()[0], **given)
+
+
+@pytest.mark.parametrize("names", [("max_memory", "memory_in_use"), ("max_memory", "memory_taken")])
+def test_the_deprecated_call_with_arrays_gives_the_same_bits(names):
+    """Oracle: ``render_arrays``; also with the keyword of version 0.1."""
+    image, disparity = picture()
+    renderer = BokehRenderer("scatter")
+    distances = {"disparity": disparity, "blur": 12, "focus": 0.2}
+    options = {"gamma": 2.0, **dict(zip(names, (2**30, 2**20), strict=True))}
+    wanted = renderer.render_arrays(
+        image, **distances, options=RenderOptions(gamma=2.0, max_memory=2**30, memory_in_use=2**20)
+    )
+    with pytest.warns(DeprecationWarning, match="render_arrays"):
+        found = renderer.render(image, **distances, **options)
+    assert_array_equal(found.bokeh, wanted.bokeh)
+    with pytest.warns(DeprecationWarning, match="render_arrays"):
+        found = renderer.render(image=image, defocus=defocus_from_disparity(disparity, 12, 0.2))
+    assert_array_equal(found.bokeh, renderer.render_arrays(image, **distances).bokeh)
+
+
+def test_options_of_the_call_replace_those_of_the_renderer():
+    """Oracle: a renderer with that aperture."""
+    image, disparity = picture()
+    blades, arrays = Aperture(blades=5), {"disparity": disparity, "blur": 12, "focus": 0.2}
+    wanted = BokehRenderer("scatter", aperture=blades).render_arrays(image, **arrays).bokeh
+    found = BokehRenderer("scatter").render_arrays(image, **arrays, options=RenderOptions(aperture=blades))
+    assert_array_equal(found.bokeh, wanted)
+    with pytest.raises(ParameterError, match="options: expected RenderOptions or None"):
+        BokehRenderer("scatter").render_arrays(image, **arrays, options={"gamma": 2})
+
+
+@pytest.mark.parametrize("wrong", ["photo.png", None, 5])
+def test_only_scenes_are_rendered_with_settings(wrong):
+    with pytest.raises(ParameterError, match="scene: expected Scene or FocusedScene"):
+        BokehRenderer("scatter").render(wrong)
 
 
 @pytest.mark.parametrize("engine", ["rays", "hybrid", "fast"])
@@ -51,7 +90,7 @@ def test_eight_threads_share_one_renderer_and_give_the_same_bits(engine):
     blurs = [6 + number for number in range(8)]
 
     def work(blur: float) -> np.ndarray:
-        return renderer.render(image, disparity=disparity, blur=blur, focus=0.9).bokeh
+        return renderer.render_arrays(image, disparity=disparity, blur=blur, focus=0.9).bokeh
 
     alone = [work(blur) for blur in blurs]
     with ThreadPoolExecutor(8) as pool:
@@ -82,5 +121,5 @@ def test_warm_up_runs_every_part():
     renderer.warm_up()
     known = set(_march.machine_code)
     image, disparity = picture()
-    renderer.render(image, disparity=disparity, blur=12, focus=0.2)
+    renderer.render_arrays(image, disparity=disparity, blur=12, focus=0.2)
     assert set(_march.machine_code) == known != set()

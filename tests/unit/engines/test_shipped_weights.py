@@ -40,7 +40,7 @@ def renders(request, samples):
             defocus = defocus_from_disparity(
                 sample.disparity, float(sample.blur[view]), float(sample.focus[view])
             )
-            result = renderer.render(sample.image.astype(np.float32), defocus)
+            result = renderer.render_arrays(sample.image.astype(np.float32), defocus)
             rows.append((defocus, sample.bokeh[view].astype(np.float32), result))
     return request.param, rows
 

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bokehnet.classical.base import ALIGNED, Place
+from bokehnet.arrays.viewport import Viewport
+from bokehnet.classical.base import ALIGNED
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -77,7 +79,10 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, lens_response=lens_response)
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
-    whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
+    whole, parts = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
+    )
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > bound
     assert np.abs(whole.error_map - parts.error_map).max() < 1e-3
     assert (parts.classical is None) == (engine == "hybrid")
@@ -85,15 +90,21 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
 
 def test_a_picture_that_fits_is_rendered_whole():
     image, defocus = tall_picture(128, 60)
-    whole = BokehRenderer("rays").render(image, defocus)
-    assert np.array_equal(whole.bokeh, BokehRenderer("rays").render(image, defocus, max_memory=2**30).bokeh)
+    whole = BokehRenderer("rays").render_arrays(image, defocus)
+    assert np.array_equal(
+        whole.bokeh,
+        BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(max_memory=2**30)).bokeh,
+    )
 
 
 def test_progress_counts_the_strips():
     image, defocus = tall_picture()
     calls: list[tuple[int, int]] = []
-    BokehRenderer("scatter").render(
-        image, defocus, lambda done, total: calls.append((done, total)), max_memory=2_830_000
+    BokehRenderer("scatter").render_arrays(
+        image,
+        defocus,
+        lambda done, total: calls.append((done, total)),
+        options=RenderOptions(max_memory=2_830_000),
     )
     assert calls[0][0] == 0
     assert calls[-1][0] == calls[-1][1] > 2
@@ -105,7 +116,7 @@ def test_too_little_memory_tells_how_much_it_takes():
     with pytest.raises(
         ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
     ):
-        BokehRenderer("rays").render(image, defocus, max_memory=1000)
+        BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(max_memory=1000))
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter", "fast"])
@@ -114,7 +125,10 @@ def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
     memory = 520 * image.shape[1] * CLASSICAL["rays" if engine == "rays" else "scatter"].bytes_per_pixel
-    whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
+    whole, parts = (
+        renderer.render_arrays(image, defocus),
+        renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
+    )
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 60
 
 
@@ -136,10 +150,16 @@ def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine,
     image = np.minimum(image, 4)
     top, left = 256, 128
     lens = {"aperture": aperture, "lens_response": lens_response}
-    whole = Engine(engine).render(image, defocus, **lens).bokeh
+    whole = Engine(engine).render(image, defocus, options=RenderOptions(**lens)).bokeh
     cut = (image[top:, left:], defocus[top:, left:])
-    placed = Engine(engine).render(*cut, **lens, place=Place(left, top, 240, 520)).bokeh
-    alone = Engine(engine).render(*cut, **lens).bokeh
+    placed = (
+        Engine(engine)
+        .render(
+            *cut, options=RenderOptions(**lens, viewport=Viewport(left=left, top=top, width=240, height=520))
+        )
+        .bokeh
+    )
+    alone = Engine(engine).render(*cut, options=RenderOptions(**lens)).bokeh
     inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
     expected = whole[top:, left:][inner]
     error = [np.sqrt(np.mean((found[inner] - expected) ** 2)) for found in (placed, alone)]
@@ -156,8 +176,16 @@ def test_overscan_is_blurred_as_if_it_were_not_there(engine):
     if engine == "rays":
         lens["lens_response"] = LensResponse(aberration_map=GLASS)
     shown = np.s_[128:-128, 32:-32]
-    larger = Engine(engine).render(image, defocus, **lens, place=Place(-32, -128, 176, 128)).bokeh
-    alone = Engine(engine).render(image[shown], defocus[shown], **lens).bokeh
+    larger = (
+        Engine(engine)
+        .render(
+            image,
+            defocus,
+            options=RenderOptions(**lens, viewport=Viewport(left=-32, top=-128, width=176, height=128)),
+        )
+        .bokeh
+    )
+    alone = Engine(engine).render(image[shown], defocus[shown], options=RenderOptions(**lens)).bokeh
     inner = np.s_[20:-20, 20:-20]
     error = np.sqrt(np.mean((larger[shown][inner] - alone[inner]) ** 2))
     assert error < (1e-5 if engine == "scatter" else 0.03)
@@ -171,10 +199,10 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     renderer = BokehRenderer(engine)
     before = image.copy(), defocus.copy()
-    beside = renderer.render(image, defocus, max_memory=memory)
+    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert np.array_equal(image, before[0])
     assert np.array_equal(defocus, before[1])
-    over = renderer.render(image, defocus, max_memory=memory, overwrite=True)
+    over = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory, overwrite=True))
     assert over.bokeh is image
     assert over.error_map is defocus
     assert np.array_equal(over.bokeh, beside.bokeh)
@@ -187,8 +215,10 @@ def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
     before = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     renderer = BokehRenderer("fast")
-    beside = renderer.render(image, defocus, max_memory=memory)
-    over = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
+    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    over = renderer.render_arrays(
+        image, defocus, options=RenderOptions(max_memory=memory + defocus.nbytes, overwrite=True)
+    )
     assert over.bokeh is image
     assert np.array_equal(defocus, before)
     assert np.array_equal(over.bokeh, beside.bokeh)
@@ -200,7 +230,9 @@ def test_what_cannot_be_written_to_is_left_alone():
     defocus.flags.writeable = False
     before = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
-    result = BokehRenderer("scatter").render(image, defocus, max_memory=memory, overwrite=True)
+    result = BokehRenderer("scatter").render_arrays(
+        image, defocus, options=RenderOptions(max_memory=memory, overwrite=True)
+    )
     assert result.bokeh is image
     assert np.array_equal(defocus, before)
     assert result.error_map.max() > 0

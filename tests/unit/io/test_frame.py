@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
 from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
 from bokehnet.io.frame import read_frame, write_frame
-from bokehnet.io.image import read_image
+from bokehnet.io.image import read_image, write_image
 from bokehnet.io.output_format import OutputFormat
 from tests.unit.io.exr_files import read_channels, read_spec, write_exr
 
@@ -450,3 +450,19 @@ def test_a_failure_on_the_way_leaves_nothing_behind(tmp_path, monkeypatch):
         write_frame(source, frame, frame.image * 2)
     assert os.listdir(tmp_path) == ["in.exr"]
     assert_array_equal(read_image(source), frame.image)
+
+
+def test_earlier_names_of_keywords_still_work(tmp_path, store):
+    """Oracle: the file with the present names."""
+    frame = read_frame(store("in.png", np.full((*SIZE, 3), 99, np.uint8)))
+    extra, space = {"doubt": values()}, OutputFormat(bits="float")
+    write_frame(tmp_path / "now.exr", frame, frame.image, output_format=space, extra_channels=extra)
+    with pytest.warns(DeprecationWarning, match="use (extra_channels|output_format)= instead"):
+        write_frame(tmp_path / "before.exr", frame, frame.image, wanted=space, beside=extra)
+    with pytest.warns(DeprecationWarning, match="use extra_channels= instead of beside="):
+        write_image(tmp_path / "image.exr", frame.image, bits="float", beside=extra)
+    expected = read_channels(tmp_path / "now.exr")
+    assert set(expected) == {"R", "G", "B", "doubt"}
+    for name in ("before.exr", "image.exr"):
+        found = read_channels(tmp_path / name)
+        assert all(np.array_equal(found[key][1], expected[key][1]) for key in expected)

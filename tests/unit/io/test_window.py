@@ -1,6 +1,8 @@
 import numpy as np
+import pytest
 from numpy.testing import assert_array_equal
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.io.window import Window
 
 VALUES = np.arange(12).reshape(3, 4)
@@ -37,3 +39,11 @@ def test_what_is_shown_is_cut_from_overscan_and_filled_with_black():
 def test_a_window_beside_the_display_shows_nothing():
     assert not window(20, 0, 4, 3).crop_to_display(np.ones((3, 4))).any()
     assert not window(-9, -9, 4, 3).crop_to_display(np.ones((3, 4))).any()
+
+
+def test_a_window_gives_its_position_in_the_displayed_picture():
+    viewport = Window(x=-1, y=2, width=4, height=3, display_width=12, display_height=5).viewport
+    assert viewport == Viewport(left=-1, top=2, width=12, height=5)
+    column, row, scale = viewport.below(2).frame
+    assert (column, row) == (5.5 + 1, 2 - 4)  # the centre of the display, from the first stored pixel
+    assert scale == pytest.approx(2 / 13)

@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import pytest
 
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.onnx_file import neural, renderer
@@ -74,7 +75,7 @@ def test_the_file_holds_standard_operators_only_and_says_what_it_takes(model):
 def test_it_renders_what_the_package_renders(render, package, height, width, blur):
     """No, one and three halvings; more rows than a band has."""
     image, disparity = picture(height, width), steps(height, width, 1)
-    wanted = package.render(image, disparity * np.float32(blur))
+    wanted = package.render_arrays(image, disparity * np.float32(blur))
     assert blur < 5 or wanted.error_map.max() > 0.1
     np.testing.assert_allclose(render(image, disparity, blur), wanted.bokeh, rtol=0, atol=2e-5)
 
@@ -82,13 +83,17 @@ def test_it_renders_what_the_package_renders(render, package, height, width, blu
 def test_focus_is_the_disparity_that_stays_sharp(render, package):
     image, disparity = picture(50, 60), np.abs(steps(50, 60, 1))
     defocus = defocus_from_disparity(disparity, np.float32(20), np.float32(0.3))
-    wanted = package.render(image, defocus).bokeh
+    wanted = package.render_arrays(image, defocus).bokeh
     np.testing.assert_allclose(render(image, disparity, 20, 0.3), wanted, rtol=0, atol=2e-5)
 
 
 def test_with_another_gamma_it_is_the_scatter(render):
     image, disparity = picture(50, 60), steps(50, 60, 1)
-    wanted = BokehRenderer("scatter").render(image, disparity * np.float32(15), gamma=2.2).bokeh
+    wanted = (
+        BokehRenderer("scatter")
+        .render_arrays(image, disparity * np.float32(15), options=RenderOptions(gamma=2.2))
+        .bokeh
+    )
     assert decibels(render(image, disparity, 15, gamma=2.2), wanted) > 90
     assert decibels(render(image, disparity, 15), wanted) < 40
 
@@ -96,7 +101,9 @@ def test_with_another_gamma_it_is_the_scatter(render):
 def test_light_below_zero_counts_as_zero_and_light_above_one_is_kept(render, package):
     image, disparity = 4 * picture(40, 50) - 1, steps(40, 50, 1)
     found = render(image, disparity, 12)
-    np.testing.assert_allclose(found, package.render(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(
+        found, package.render_arrays(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5
+    )
     assert found.max() > 1
 
 

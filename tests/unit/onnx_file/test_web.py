@@ -115,7 +115,7 @@ def wanted(folder, focus):
     """What the package makes of it, as sRGB values."""
     image, disparity = read_image(folder / "photo.png"), read_disparity(folder / "disparity.png")
     defocus = defocus_from_disparity(disparity, BLUR, focus).astype(np.float32)
-    return linear_to_srgb(np.clip(BokehRenderer("fast").render(image, defocus).bokeh, 0, 1))
+    return linear_to_srgb(np.clip(BokehRenderer("fast").render_arrays(image, defocus).bokeh, 0, 1))
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ REFUSED = ["uint8", "uint16", "int16", "int64", "bool", "complex64", "object"]
 
 def render(image=LIGHT, disparity=DISPARITY):
     renderer = bokehnet.BokehRenderer("scatter")
-    return renderer.render(image, disparity=disparity, blur=6, focus=0.5).bokeh
+    return renderer.render_arrays(image, disparity=disparity, blur=6, focus=0.5).bokeh
 
 
 PICTURE_TAKERS = {
@@ -60,7 +60,7 @@ def test_disparity_defocus_and_coverage_of_anything_but_floats_are_refused(dtype
     with pytest.raises(ParameterError, match=f"^disparity: {found}"):
         render(disparity=codes)
     with pytest.raises(ParameterError, match=f"^defocus: {found}"):
-        bokehnet.BokehRenderer("scatter").render(LIGHT, codes)
+        bokehnet.BokehRenderer("scatter").render_arrays(LIGHT, codes)
     with pytest.raises(ParameterError, match=f"^alpha: {found}"):
         bokehnet.make_scene(LIGHT, bokehnet.ConstantDisparity(value=0.5), alpha=codes)
 

@@ -8,6 +8,7 @@ import pytest
 
 from bokehnet import BokehRenderer
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.window import Window
@@ -91,9 +92,7 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
         engine.render(
             np.ones((height, width, 3), np.float32),
             defocus,
-            lens_response=response,
-            max_memory=taken,
-            memory_in_use=taken,
+            options=RenderOptions(lens_response=response, max_memory=taken, memory_in_use=taken),
         )
     found = re.search(r"at least (\d+) MB", str(told.value))
     assert found is not None

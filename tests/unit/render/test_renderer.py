@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.effects import CameraEffects, Grain
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled, ShapeError
 from bokehnet.io.channels import read_channels
 from bokehnet.io.image import read_image
@@ -63,7 +64,7 @@ def with_groups(**groups):
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 def test_a_scene_and_its_arrays_give_the_same_bits(scene, photo, defocus, engine):
     renderer = BokehRenderer(engine)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
+    found, wanted = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
     for name in ("bokeh", "classical", "error_map", "defocus"):
         assert_array_equal(getattr(found, name), getattr(wanted, name))
     assert found.neural is None
@@ -72,7 +73,7 @@ def test_a_scene_and_its_arrays_give_the_same_bits(scene, photo, defocus, engine
 
 def test_the_networks_take_scenes_too(scene, photo, defocus, random_weights):
     renderer = BokehRenderer("fast", weights=random_weights)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
+    found, wanted = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
     assert_array_equal(found.bokeh, wanted.bokeh)
     assert_array_equal(found.neural, wanted.neural)
 
@@ -81,7 +82,9 @@ def test_highlights_gamma_and_effects_are_those_of_the_library(scene, photo, def
     light = HighlightSettings(threshold=0.7, gain=20, gamma=2)
     settings = with_groups(highlights=light, effects=EffectSettings(grain=3200))
     renderer = BokehRenderer("scatter")
-    plain = renderer.render(photo, defocus, gamma=2.0, highlights=Highlights(threshold=0.7, gain=20)).bokeh
+    plain = renderer.render_arrays(
+        photo, defocus, options=RenderOptions(gamma=2.0, highlights=Highlights(threshold=0.7, gain=20))
+    ).bokeh
     found = renderer.render(scene, settings)
     assert_array_equal(found.bokeh, CameraEffects(grain=Grain(iso=3200.0)).apply(plain))
     assert_array_equal(found.classical, plain)  # before the effects
@@ -118,20 +121,22 @@ def test_what_settings_leave_at_their_default_is_as_the_renderer_was_made(scene,
     """Authority: the array form, which knows no settings."""
     coma = LensResponse(aberration_map=AberrationSliders(coma=8.0).aberration_map())
     made = BokehRenderer("rays", aperture=Aperture(blades=5), lens_response=coma)
-    assert_array_equal(made.render(scene, PLAIN).bokeh, made.render(photo, defocus).bokeh)
+    assert_array_equal(made.render(scene, PLAIN).bokeh, made.render_arrays(photo, defocus).bokeh)
     # What settings do say takes its place, engine included.
     settings = with_groups(
         aperture=ApertureSettings(blades=7), lens=LensSettings(coma=-8), engine=EngineSettings(name="rays")
     )
     other = LensResponse(aberration_map=AberrationSliders(coma=-8.0).aberration_map())
-    wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render(photo, defocus)
+    wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render_arrays(
+        photo, defocus
+    )
     assert_array_equal(made.render(scene, settings).bokeh, wanted.bokeh)
     with pytest.raises(ParameterError, match=r"engine.name: expected one that supports aberrations"):
         made.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     disc = BokehRenderer("rays", aperture=Aperture(blades=5))
     found = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     assert found.report.engine == "scatter"
-    scatter = BokehRenderer("scatter", aperture=Aperture(blades=5)).render(photo, defocus)
+    scatter = BokehRenderer("scatter", aperture=Aperture(blades=5)).render_arrays(photo, defocus)
     assert_array_equal(found.bokeh, scatter.bokeh)
 
 
@@ -139,7 +144,7 @@ def test_without_settings_a_ready_defocus_is_rendered(photo, defocus):
     scene = make_scene(photo, DefocusMap(map=defocus))
     renderer = BokehRenderer("scatter")
     found = renderer.render(scene)
-    assert_array_equal(found.bokeh, renderer.render(photo, defocus).bokeh)
+    assert_array_equal(found.bokeh, renderer.render_arrays(photo, defocus).bokeh)
     assert (found.report.focus_disparity, found.report.focus_distance) == (None, None)
 
 
@@ -163,7 +168,7 @@ def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
     scene = make_scene(photo * alpha[..., None], RelativeDisparity(map=steps, as_stored=True), alpha=alpha)
     renderer = BokehRenderer("scatter")
     found = renderer.render(scene, PLAIN)
-    grey = renderer.render(np.repeat(alpha[..., None], 3, -1), defocus).bokeh
+    grey = renderer.render_arrays(np.repeat(alpha[..., None], 3, -1), defocus).bokeh
     assert_allclose(found.alpha, grey.mean(-1), atol=1e-6)
     assert found.alpha.max() <= 1
 
@@ -198,9 +203,11 @@ def test_a_cancelled_rendering_does_not_begin(scene, photo, defocus):
     cancel.set()
     renderer = BokehRenderer("scatter")
     calls = []
-    for arguments in ((scene, PLAIN), (photo, defocus), (renderer.prepare(scene, PLAIN), PLAIN)):
+    for given in (scene, renderer.prepare(scene, PLAIN)):
         with pytest.raises(RenderCancelled):
-            renderer.render(*arguments, lambda *step: calls.append(step), cancel=cancel)
+            renderer.render(given, PLAIN, lambda *step: calls.append(step), cancel=cancel)
+    with pytest.raises(RenderCancelled):
+        renderer.render_arrays(photo, defocus, lambda *step: calls.append(step), cancel=cancel)
     with pytest.raises(RenderCancelled):
         renderer.prepare(scene, PLAIN, cancel=cancel)
     assert calls == []

@@ -4,6 +4,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.io.frame import read_frame
 from bokehnet.io.metadata.rendered_by import renderer_of
@@ -68,7 +69,7 @@ def test_the_filter_reaches_the_rays():
     renderer = BokehRenderer("rays")
     defocus = 10 * (disparity - 0.5)
     pictures = [
-        renderer.render(image, defocus, pixel_filter=PixelFilter(*told)).bokeh
+        renderer.render_arrays(image, defocus, options=RenderOptions(pixel_filter=PixelFilter(*told))).bokeh
         for told in (("box", 1.0), ("gaussian", 4.0))
     ]
     assert np.abs(pictures[0] - pictures[1]).max() > 0.01

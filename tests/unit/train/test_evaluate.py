@@ -35,7 +35,7 @@ def test_scores_are_of_the_corrupted_render_by_the_true_edges(tiny_pairs):
     shot = picture.read()
     ((clean, eroded),) = evaluate([picture], [parse_method("rays")], ["clean", "eroded"])
     for row, defocus in ((clean, shot.defocus), (eroded, degrade(shot.defocus, "eroded"))):
-        render = BokehRenderer("rays").render(shot.image, defocus).bokeh
+        render = BokehRenderer("rays").render_arrays(shot.image, defocus).bokeh
         for key, value in compare(render, shot.truth, shot.defocus).items():
             assert row.scores[key] == pytest.approx(value), key
     assert eroded.scores["psnr"] != clean.scores["psnr"]
@@ -64,7 +64,7 @@ def test_the_hybrid_is_held_against_its_classical_half(tiny_pairs, random_weight
     picture = list_pictures("shards", tiny_pairs)[0]
     ((row,),) = evaluate([picture], [parse_method(f"hybrid:{random_weights}")], ["clean"])
     shot = picture.read()
-    result = BokehRenderer("hybrid", weights=random_weights).render(shot.image, shot.defocus)
+    result = BokehRenderer("hybrid", weights=random_weights).render_arrays(shot.image, shot.defocus)
     flat = ~edge_pixels(shot.defocus)
     assert flat.sum() >= 100
     error = ((encode(result.bokeh) - encode(result.classical)) ** 2)[flat]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.simd.float8 import broadcast8, divide8, less8, select8
 from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
@@ -135,7 +135,7 @@ def _variable(wavelength: np.ndarray) -> np.ndarray:
 
 def lens_table(
     lens_response: LensResponse,
-    place: Place,
+    viewport: Viewport,
     chances: np.ndarray,
     *,
     above: int = 0,
@@ -145,7 +145,7 @@ def lens_table(
 
     Args:
         lens_response: Response of the lens.
-        place: Position of the full-size picture in the shown one.
+        viewport: Position of the full-size picture in the shown one.
         chances: Evenly distributed numbers from 0 to 1, three per ray of the pattern, (rays, 3): wavelength,
             and origin in the pixel.
         above: Rows of the picture above the rendered ones.
@@ -163,7 +163,7 @@ def lens_table(
             "tilt less or blur less",
             shown=f"{math.hypot(*aberration_map.tilt):.2g}",
         )
-    column, row, scale = place.frame
+    column, row, scale = viewport.frame
     half_diagonal = 1 / scale
     wavelengths, colors = lens_response.wavelengths_at(chances[:, 0])
     nodes = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _NODES)

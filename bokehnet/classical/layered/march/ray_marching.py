@@ -9,11 +9,13 @@ through layered height fields.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import (
     LensTable,
     collapse,
@@ -57,7 +59,7 @@ from bokehnet.classical.simd.float8 import (
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import cats_eye_shift
 
-__all__ = ["SETS", "fair_stride", "march", "scramble"]
+__all__ = ["SETS", "RaysJob", "fair_stride", "march", "scramble"]
 
 # Rows per strip, which bounds the memory of the sums.
 _STRIP = 192
@@ -363,30 +365,11 @@ def _march(  # type: ignore[no-untyped-def]
                     sum_light(totals, before, sent, sums[y - first, x])
 
 
-def march(
-    colors: np.ndarray,
-    cells: np.ndarray,
-    rays_mask: np.ndarray,
-    bins: DefocusBins,
-    points: np.ndarray,
-    weights: np.ndarray,
-    result: np.ndarray,
-    *,
-    disocclusion_weight: np.ndarray,
-    cats_eye: float = 0.0,
-    lens: LensTable | None = None,
-    seed: int = 0,
-    above: int = 0,
-    place: Place | None = None,
-    radius: float,
-    nominal_rays: int,
-    sample_counts: SampleCounts = counts_by_variance,
-    progress: Callable[[float], None] | None = None,
-    send: Callable[..., None] | None = None,
-) -> None:
-    """March the rays of all pixels in ``rays_mask`` and write the light of their hits to ``result``.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RaysJob:
+    """Layers of a picture, the rays of its pixels, and the lens that sends them.
 
-    Args:
+    Attributes:
         colors: Colors of the layers, (H, W, L, 3).
         cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: Pixels to render, (H, W) bool.
@@ -394,30 +377,56 @@ def march(
         points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` is the maximum per pixel,
             a power of two.
         weights: Weights of the points in front of and behind focus, (2, SETS * variants, rays), float32.
-        result: Colors, (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
-        disocclusion_weight: (H, W), float32; set in the same pixels to the fraction of a pixel's light that
-            no picture shows: from behind the first layer or from beyond the border.
+        radius: Largest radius of any disc in the whole picture, pixels.
+        nominal_rays: See :class:`bokehnet.classical.layered.march.sample_counts.FirstPass`.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         lens: Lens response for all rays of ``points`` in their order; default: a perfect lens.
         seed: Seed of the variant of each pixel and of the random numbers for coverage.
         above: Rows of the picture above these arrays, if they are a strip of it.
-        place: Position of the picture in the shown one; default: all of it is shown.
-        radius: Largest radius of any disc in the whole picture, pixels.
-        nominal_rays: See :class:`bokehnet.classical.layered.march.sample_counts.FirstPass`.
+        viewport: Position of the picture in the shown one; default: all of it is shown.
+    """
+
+    colors: np.ndarray
+    cells: np.ndarray
+    rays_mask: np.ndarray
+    bins: DefocusBins
+    points: np.ndarray
+    weights: np.ndarray
+    radius: float
+    nominal_rays: int
+    cats_eye: float = 0.0
+    lens: LensTable | None = None
+    seed: int = 0
+    above: int = 0
+    viewport: Viewport | None = None
+
+
+def march(
+    job: RaysJob,
+    result: np.ndarray,
+    disocclusion_weight: np.ndarray,
+    *,
+    sample_counts: SampleCounts = counts_by_variance,
+    progress: Callable[[float], None] | None = None,
+    send: Callable[..., None] | None = None,
+) -> None:
+    """March the rays of all pixels in ``job.rays_mask`` and write the light of their hits to ``result``.
+
+    Args:
+        job: Layers, rays and lens.
+        result: Colors, (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
+        disocclusion_weight: (H, W), float32; set in the same pixels to the fraction of a pixel's light that
+            no picture shows: from behind the first layer or from beyond the border.
         sample_counts: Function that returns the number of rays of each tile.
         progress: Callback that receives the completed fraction of the pixels, 0 to 1.
         send: Replaces the kernel of this module, with its arguments.
     """
     send = send or _march
+    cells, rays_mask, points = job.cells, job.rays_mask, job.points
     height, width = rays_mask.shape
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
-    chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    numbers, outlines = PLAIN, None
-    if lens is not None and lens.colors.shape[1]:
-        numbers, outlines, bins = COLORED, outlines_of(cells), dilate_bins(bins)
-    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens, outlines)
-    options = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
-    halo = window_halo(radius)
+    numbers, arrays, options = _kernel_arguments(job)
+    halo = window_halo(job.radius)
     marched_rows, previous_sums = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
         for top in range(0, height, _STRIP):
@@ -431,9 +440,23 @@ def march(
                 new_sums, rows = sums[first_new - first :], slice(first_new, last)
                 counts = np.full((-(-(last - first_new) // TILE), -(-width // TILE)), FIRST_RAYS)
                 send(*arrays, *options, first_new, 0, counts, new_sums)
-                first_pass = FirstPass(new_sums, rays_mask[rows], cells[rows], nominal_rays, points.shape[2])
+                first_pass = FirstPass(
+                    new_sums, rays_mask[rows], cells[rows], job.nominal_rays, points.shape[2]
+                )
                 send(*arrays, *options, first_new, FIRST_RAYS, sample_counts(first_pass), new_sums)
             marched_rows, previous_sums = last, sums
-            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
+            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, job.radius)
             if progress is not None and done is not None:
                 progress(done[bottom - 1] / max(done[-1], 1))
+
+
+def _kernel_arguments(job: RaysJob) -> tuple[int, tuple[Any, ...], tuple[Any, ...]]:
+    """Return the numbers per ray, and the arrays and options that all calls of the kernel share."""
+    height, width = job.rays_mask.shape
+    chances = (_GOLDEN * (1 + np.arange(job.points.shape[2])) % 1).astype(np.float32)
+    numbers, outlines, bins = PLAIN, None, job.bins
+    if job.lens is not None and job.lens.colors.shape[1]:
+        numbers, outlines, bins = COLORED, outlines_of(job.cells), dilate_bins(bins)
+    viewport = (job.viewport or Viewport.whole(height, width)).as_tuple()
+    arrays = (job.colors, job.cells, job.rays_mask, bins, job.points, chances, job.weights, job.lens)
+    return numbers, (*arrays, outlines), (job.cats_eye, viewport, job.seed, job.above)

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import LensTable, collapse, keep_within, send_rays
 from bokehnet.classical.layered.march.bundle_extents import BUNDLE, extent_at, ring_of
 from bokehnet.classical.layered.march.defocus_bins import TILE
@@ -419,7 +419,7 @@ def render_smooth_tiles(
     *,
     cats_eye: float = 0.0,
     above: int = 0,
-    place: Place | None = None,
+    viewport: Viewport | None = None,
 ) -> np.ndarray:
     """Write tiles that see only one smooth surface to ``result``.
 
@@ -436,7 +436,7 @@ def render_smooth_tiles(
         extents: From :func:`bokehnet.classical.layered.march.bundle_extents.bundle_extents`.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         above: Rows of the picture above these arrays, if they are a strip of it.
-        place: Position of the picture in the shown one; default: all of it is shown.
+        viewport: Position of the picture in the shown one; default: all of it is shown.
 
     Returns:
         Fraction of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle is
@@ -446,7 +446,7 @@ def render_smooth_tiles(
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
     surfaces = np.empty((tile_rows, tile_columns, 6), np.float32)
     kinds = np.empty((tile_rows, tile_columns), np.int8)
-    arrays, place_values = (points, weights), tuple(place or Place.whole(height, width))
+    arrays, viewport_values = (points, weights), (viewport or Viewport.whole(height, width)).as_tuple()
     with parallel_region:
         _tile_surfaces(cells, surfaces)
         low, high = float(surfaces[..., _LOW].min()), float(surfaces[..., _HIGH].max())
@@ -461,7 +461,7 @@ def render_smooth_tiles(
             _fill_planes(colors, first, planes)
             _render(
                 *(planes, first, rows, top, surfaces, cells, rays_mask, arrays, lens, extents),
-                *((cats_eye, place_values, above), result),
+                *((cats_eye, viewport_values, above), result),
             )
     rendered = np.kron(kinds != _RAYS, np.ones((TILE, TILE), np.bool_))[:height, :width]
     return np.where(rendered, near, np.float32(1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.highlights.lights import separate_lights
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.rays_renderer import rays
@@ -151,7 +151,12 @@ def test_a_cats_eye_leaves_lights_as_bright_as_the_rays_do():
 def test_strips_of_a_picture_are_drawn_as_the_whole():
     aperture = Aperture(cats_eye=0.8)
     whole = draw(point(90.2, 70.4, -20.0), (100, 120), aperture)
-    strip = draw(point(90.2, 30.4, -20.0), (60, 120), aperture, place=Place(0, 40, 120, 100))
+    strip = draw(
+        point(90.2, 30.4, -20.0),
+        (60, 120),
+        aperture,
+        viewport=Viewport(left=0, top=40, width=120, height=100),
+    )
     assert_allclose(strip, whole[40:], atol=1e-9)
 
 

@@ -7,6 +7,7 @@ from bokehnet.classical.layered.boundaries import mixed_pixels
 from bokehnet.classical.layered.depth_discontinuities import BACK, FRONT, discontinuity_sides
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.layered.slight_steps import MIN_STEP_PX, SLIGHT, half_step, sides_with_slight_steps
+from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.render.renderer import BokehRenderer
 
@@ -37,7 +38,9 @@ def straight_edge(place: float, near: float, far: float) -> tuple[np.ndarray, np
 
 def too_wide(image: np.ndarray, defocus: np.ndarray, truth: np.ndarray) -> float:
     """By how many pixels more white is seen than in truth; rows and columns of the border left out."""
-    render = BokehRenderer("rays").render(image, defocus, pixel_filter=BOX).bokeh
+    render = (
+        BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(pixel_filter=BOX)).bokeh
+    )
     return float((render - truth)[6:-6, 12:-12].mean(axis=(0, 2)).sum())
 
 

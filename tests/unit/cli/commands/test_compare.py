@@ -20,7 +20,7 @@ def scene(tmp_path):
     write_image(tmp_path / "in.exr", image)
     write_image(tmp_path / "d.exr", np.repeat(disparity[..., None], 3, axis=2))
     defocus = (disparity - 0.2) * 10
-    truth = BokehRenderer("rays").render(read_image(tmp_path / "in.exr"), defocus).bokeh
+    truth = BokehRenderer("rays").render_arrays(read_image(tmp_path / "in.exr"), defocus).bokeh
     write_image(tmp_path / "truth.exr", truth)
     words = ["compare", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--disparity-range", "0,1"]
     words += ["--blur", 10, "--focus", 0.2, "--repair-disparity", "off"]
@@ -38,7 +38,7 @@ def test_a_line_for_each_engine_a_sheet_and_a_page(scene, cli):
     assert told[0] > 50 > told[2] > told[1] - 20
     bokeh = (
         BokehRenderer("diffusion")
-        .render(read_image(folder / "in.exr"), (read_image(folder / "d.exr")[..., 0] - 0.2) * 10)
+        .render_arrays(read_image(folder / "in.exr"), (read_image(folder / "d.exr")[..., 0] - 0.2) * 10)
         .bokeh
     )
     shown = [linear_to_srgb(np.clip(x, 0, 1)) for x in (read_image(folder / "truth.exr"), bokeh)]

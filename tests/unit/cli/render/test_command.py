@@ -132,7 +132,9 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
     outcome = cli(*RELATIVE, "--blur", 6, "--focus", 0.4, "-o", "out.exr", *hybrid, "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
-    wanted = BokehRenderer("hybrid", weights=random_weights).render(image, 6 * (disparity - np.float32(0.4)))
+    wanted = BokehRenderer("hybrid", weights=random_weights).render_arrays(
+        image, 6 * (disparity - np.float32(0.4))
+    )
     assert_allclose(read_image("out.exr"), wanted.bokeh, rtol=HALF, atol=1e-5)
     maps = folder / "deep" / "maps"
     names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "neural.png", "settings.toml"}

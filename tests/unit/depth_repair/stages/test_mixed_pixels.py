@@ -134,11 +134,11 @@ def test_renders_of_repaired_depth_are_closer_to_the_truth():
     image, mixed = shrink(colours), (1 / shrink(1 / disparity)).astype(np.float32)
     renderer = BokehRenderer("rays")
     truth = shrink(
-        renderer.render(colours.astype(np.float32), (32 * (disparity - 0.5)).astype(np.float32)).bokeh
+        renderer.render_arrays(colours.astype(np.float32), (32 * (disparity - 0.5)).astype(np.float32)).bokeh
     )
 
     def error(values):
-        bokeh = renderer.render(image, 8 * (values - np.float32(0.5))).bokeh
+        bokeh = renderer.render_arrays(image, 8 * (values - np.float32(0.5))).bokeh
         return -10 * np.log10(np.mean((bokeh - truth) ** 2))
 
     repaired = repair_mixed(mixed, filtered="depth")

@@ -7,6 +7,7 @@ import pytest
 from bokehnet import BokehRenderer, CameraSettings, FocusSettings, InputSettings, RenderSettings
 from bokehnet.classical.known_layers import Layers
 from bokehnet.engines.engine import Engine
+from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
 from bokehnet.io.channels import write_channels
 from bokehnet.scene.depth.depth_source import LayeredDepth
@@ -79,8 +80,8 @@ def test_strips_see_the_layers_of_the_whole():
     image = np.where(coverage[:, :, :1] > 0, colors[:, :, 0], colors[:, :, 1])
     nearest = np.where(coverage[:, :, 0] > 0, defocus[:, :, 0], defocus[:, :, 1])
     engine = Engine("rays")
-    whole = engine.render(image, nearest, layers=layers)
-    parts = engine.render(image, nearest, layers=layers, max_memory=14_000_000)
+    whole = engine.render(image, nearest, options=RenderOptions(layers=layers))
+    parts = engine.render(image, nearest, options=RenderOptions(layers=layers, max_memory=14_000_000))
     assert parts.classical is not None
     np.testing.assert_allclose(parts.bokeh, whole.bokeh, atol=2e-3)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import collapse, lens_table, send_rays
 from bokehnet.classical.simd.float8 import LANES, load8, store8
 from bokehnet.errors import ParameterError
@@ -56,7 +56,7 @@ def test_eight_rays_go_where_the_map_sends_each(pupil_aberration, dispersive):
     lens_response = LensResponse(
         aberration_map=random_pencil(rng, pupil_aberration=pupil_aberration, dispersive=dispersive)
     )
-    table = lens_table(lens_response, Place.whole(HEIGHT, WIDTH), CHANCES)
+    table = lens_table(lens_response, Viewport.whole(HEIGHT, WIDTH), CHANCES)
     wavelengths, colors = lens_response.wavelengths_at(CHANCES[:, 0])
     assert table.coefficients.shape[1:3] == (3 if dispersive else 1, 4 if pupil_aberration else 2)
     assert table.colors.shape == (3, 64 if dispersive else 0)
@@ -84,7 +84,7 @@ def test_bounds_hold_for_every_ray():
     lens_response = LensResponse(
         aberration_map=aberration_map, chromatic_aberration=ChromaticAberration(axial=2.0, lateral=-3.0)
     )
-    table = lens_table(lens_response, Place.whole(HEIGHT, WIDTH), CHANCES)
+    table = lens_table(lens_response, Viewport.whole(HEIGHT, WIDTH), CHANCES)
     half_diagonal = 0.5 * math.hypot(WIDTH, HEIGHT)
     stretch, reach = table.footprint
     for _ in range(300):
@@ -105,7 +105,7 @@ def test_bounds_hold_for_every_ray():
 
 
 def test_a_rim_is_a_way_to_stray():
-    plain = lens_table(LensResponse(), Place.whole(HEIGHT, WIDTH), CHANCES)
+    plain = lens_table(LensResponse(), Viewport.whole(HEIGHT, WIDTH), CHANCES)
     assert plain.footprint == (1.0, 0.0)
     assert not plain.visible_deviation((HEIGHT, WIDTH), 30.0, 0).any()
     aberration_map = AberrationMap(
@@ -115,7 +115,7 @@ def test_a_rim_is_a_way_to_stray():
         vignetting_apertures=((0.8, 1.0),),
     )
     strayed = lens_table(
-        LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES
+        LensResponse(aberration_map=aberration_map), Viewport.whole(HEIGHT, WIDTH), CHANCES
     ).visible_deviation((HEIGHT, WIDTH), 30.0, 0)
     assert strayed[HEIGHT // 2, WIDTH // 2] < 0.2
     assert strayed[0, 0] == 1
@@ -123,7 +123,7 @@ def test_a_rim_is_a_way_to_stray():
 
 def test_a_strip_strays_as_its_rows_of_the_picture():
     aberration_map = random_pencil(np.random.default_rng(7), pupil_aberration=False, dispersive=False)
-    table = lens_table(LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES)
+    table = lens_table(LensResponse(aberration_map=aberration_map), Viewport.whole(HEIGHT, WIDTH), CHANCES)
     whole = table.visible_deviation((HEIGHT, WIDTH), 0.0, 0)
     np.testing.assert_array_equal(table.visible_deviation((100, WIDTH), 0.0, 128), whole[128:228])
 
@@ -134,4 +134,4 @@ def test_a_plane_that_leans_too_far_is_refused():
         wavelengths=[550.0], transverse_aberration=zeros, pupil_aberration=zeros, tilt=(0.7, 0.7)
     )
     with pytest.raises(ParameterError, match=r"tilt: .* up to 0.8 .* got 0.99"):
-        lens_table(LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES)
+        lens_table(LensResponse(aberration_map=aberration_map), Viewport.whole(HEIGHT, WIDTH), CHANCES)

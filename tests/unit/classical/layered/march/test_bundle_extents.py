@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import BUNDLE, LEVELS, bundle_extents, extent_at
 from bokehnet.classical.rays_renderer import _pattern
@@ -30,7 +30,9 @@ RIMMED = AberrationMap(
 @pytest.mark.parametrize("defocus", [-2.0 * LEVELS, -20.3, 0.0, 9.7])
 def test_no_ray_strays_farther_and_some_nearly_as_far(aberration_map, defocus):
     points, _, chances = _pattern(Aperture())
-    lens = lens_table(LensResponse(aberration_map=aberration_map), Place.whole(*SHAPE), chances, shape=SHAPE)
+    lens = lens_table(
+        LensResponse(aberration_map=aberration_map), Viewport.whole(*SHAPE), chances, shape=SHAPE
+    )
     extents = bundle_extents(points, lens)
     pupil, _ = pupil_points(Aperture(), sobol(BUNDLE, np.random.default_rng(5), 2), 1)
     for ring in (0, 15, len(extents) - 1):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bokehnet.classical.rays_renderer
-from bokehnet.classical.base import Place
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents
@@ -58,7 +58,7 @@ def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.nda
     """The picture, NaN where nothing was written, and the pixels that are left."""
     shape = layers.defocus.shape[:2]
     points, weights, chances = _pattern(Aperture())
-    lens = lens_table(lens_response, Place.whole(*shape), chances, shape=shape)
+    lens = lens_table(lens_response, Viewport.whole(*shape), chances, shape=shape)
     result = np.full((*shape, 3), np.nan, np.float32)
     colors = np.ascontiguousarray(layers.colors, np.float32)
     near = np.zeros(shape, np.float32)
@@ -174,14 +174,14 @@ def test_a_strip_gives_the_rows_of_the_picture():
     image, defocus = picture(), plane(-7.0)
     for name in ("sliders", "rim and tilt"):
         whole, _ = rendered(one_layer(image, defocus), LENSES[name])
-        place = Place.whole(HEIGHT, WIDTH)
+        viewport = Viewport.whole(HEIGHT, WIDTH)
         points, weights, chances = _pattern(Aperture())
-        lens = lens_table(LENSES[name], place, chances, above=64, shape=(HEIGHT - 64, WIDTH))
+        lens = lens_table(LENSES[name], viewport, chances, above=64, shape=(HEIGHT - 64, WIDTH))
         result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
         layers = one_layer(image[64:], defocus[64:])
         near = np.zeros(result.shape[:2], np.float32)
         arrays = (np.ascontiguousarray(layers.colors), layer_cells(layers), near == 0, near)
-        how = {"above": 64, "place": place}
+        how = {"above": 64, "viewport": viewport}
         left = render_smooth_tiles(
             *arrays, points, weights, result, lens, bundle_extents(points, lens), **how
         )
