@@ -1,4 +1,4 @@
-"""The renderer as users get it, the hybrid with small random networks."""
+"""Engines of the renderer, the hybrid with small random networks."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def picture(height: int, width: int, radius: float) -> tuple[np.ndarray, np.ndar
 
 @pytest.mark.parametrize(("height", "width", "radius"), [(37, 51, 4), (64, 48, 15), (61, 83, 33), (1, 1, 3)])
 def test_inference_equals_the_torch_cascade(pair, height, width, radius):
-    """One body serves training and inference: the same picture to float precision, odd sizes included."""
+    """Training and inference share one function: equal to float precision, including odd sizes."""
     folder, (arnet, iunet) = pair
     image, defocus = picture(height, width, radius)
     result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
@@ -50,13 +50,15 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
     networks = {"arnet": arnet.eval(), "iunet": iunet.eval()}
     with torch.no_grad():
-        wanted = render_neural(*tensors, error_map, **networks, network_max_radius=10.0, leaves_outlines=True)
-    assert_allclose(result.bokeh, wanted.bokeh[0].permute(1, 2, 0).numpy(), atol=1e-4)
-    assert_allclose(result.error_map, wanted.error_map[0, 0].numpy(), atol=1e-4)
+        expected = render_neural(
+            *tensors, error_map, **networks, network_max_radius=10.0, leaves_outlines=True
+        )
+    assert_allclose(result.bokeh, expected.bokeh[0].permute(1, 2, 0).numpy(), atol=1e-4)
+    assert_allclose(result.error_map, expected.error_map[0, 0].numpy(), atol=1e-4)
 
 
 def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
-    """The halo covers the receptive field: no seam, at least 60 dB, here to float precision."""
+    """The halo covers the receptive field, so that tiles leave no seam."""
     folder, _ = pair
     monkeypatch.setattr(tiling, "TILE", 64)
     iunet = load_networks(folder).iunet
@@ -73,8 +75,8 @@ def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
     assert_allclose(tiled, refine_whole(iunet, level, coarse, everywhere), atol=1e-5)
 
 
-def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
-    """Several levels up, a pixel in use must not see that tiles away from all edges were skipped."""
+def test_skipped_tiles_do_not_change_used_pixels(pair, monkeypatch):
+    """Skipped tiles far from all edges must not affect used pixels at finer levels."""
     folder, _ = pair
     monkeypatch.setattr(tiling, "TILE", 64)
     rng = np.random.default_rng(2)
@@ -83,10 +85,10 @@ def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
     image = rng.random((400, 600, 3), dtype=np.float32)
     batches = [x.transpose(2, 0, 1)[None] for x in (image, defocus[..., None], scatter(image, defocus))]
     loaded = load_networks(folder)
-    ran = []
+    shapes = []
 
     def iunet(*arrays):
-        ran.append(arrays[0].shape)
+        shapes.append(arrays[0].shape)
         return loaded.iunet(*arrays)
 
     classical_error_map = geometric_error_map(defocus)[None, None]
@@ -95,7 +97,7 @@ def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
     tiled = render_neural(*batches, classical_error_map, iunet=iunet, refine=tiling.refine_in_tiles, **shared)
     used = (whole.error_map > 0)[0, 0]
     assert 0.05 < used.mean() < 0.6
-    assert len(ran) < 7 * 10 + 4 * 5
+    assert len(shapes) < 7 * 10 + 4 * 5
     assert_array_equal(tiled.error_map, whole.error_map)
     assert_allclose(tiled.steps[-1][..., used], whole.steps[-1][..., used], atol=1e-5)
 
@@ -114,7 +116,7 @@ def test_tiles_without_error_are_not_refined(pair):
     assert_array_equal(tiling.refine_in_tiles(never, level, coarse, np.zeros((1, 1, 32, 32))), 0.5)
 
 
-def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
+def test_highlights_do_not_change_where_the_error_map_is_zero(pair):
     folder, _ = pair
     image, defocus = picture(64, 64, 6)
     image[10, 50] = 1000.0
@@ -126,14 +128,14 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
     assert result.bokeh.min() >= 0
 
 
-def test_the_scatter_engine_is_the_scatter():
+def test_the_scatter_engine_equals_the_scatter_function():
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer("scatter").render(image, defocus)
     assert_array_equal(result.bokeh, scatter(image, defocus))
     assert result.neural is None
 
 
-def test_the_default_engine_is_the_rays():
+def test_the_default_engine_is_rays():
     image, defocus = picture(40, 50, 8)
     renderer = BokehRenderer()
     result = renderer.render(image, defocus)
@@ -147,26 +149,26 @@ PENTAGON = Aperture(blades=5, rotation=20)
 
 
 @pytest.mark.parametrize(
-    ("engine", "wanted"), [("scatter", scatter), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
+    ("engine", "expected"), [("scatter", scatter), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
 )
-def test_the_aperture_reaches_the_engine(engine, wanted):
+def test_the_aperture_reaches_the_engine(engine, expected):
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer(engine, aperture=PENTAGON).render(image, defocus)
-    assert_array_equal(result.bokeh, wanted(image, defocus, PENTAGON))
+    assert_array_equal(result.bokeh, expected(image, defocus, PENTAGON))
     assert np.abs(result.bokeh - BokehRenderer(engine).render(image, defocus).bokeh).max() > 0.01
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
-def test_gamma_is_the_curve_around_the_engine(engine):
-    """Oracle: encode, render, decode by hand; the curve has its own tests."""
+def test_gamma_wraps_the_engine(engine):
+    """Oracle: explicit encoding, rendering and decoding; the curve has its own tests."""
     image, defocus = picture(40, 50, 8)
     image[5, 7] = 50.0
     curve = gamma_curve(image, 2.5)
     renderer = BokehRenderer(engine)
     result = renderer.render(image, defocus, gamma=2.5)
-    wanted = curve.decode(renderer.render(curve.encode(image), defocus).bokeh)
-    assert_array_equal(result.bokeh, wanted)
-    assert_array_equal(result.classical, wanted)
+    expected = curve.decode(renderer.render(curve.encode(image), defocus).bokeh)
+    assert_array_equal(result.bokeh, expected)
+    assert_array_equal(result.classical, expected)
     assert result.bokeh.dtype == np.float32
     assert result.bokeh.mean() > 1.2 * renderer.render(image, defocus).bokeh.mean()
 
@@ -174,7 +176,7 @@ def test_gamma_is_the_curve_around_the_engine(engine):
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 @pytest.mark.parametrize("gamma", [0.3, 1.0, 2.2, 5.0])
 def test_powers_of_small_and_large_values_neither_underflow_nor_overflow(engine, gamma):
-    """Authority: a mean lies between the least and the largest of its values."""
+    """Authority: a mean lies between the minimum and the maximum of its values."""
     image, defocus = picture(40, 50, 8)
     image = 10 ** (10 * image - 6)
     result = BokehRenderer(engine).render(image, defocus, gamma=gamma)
@@ -182,8 +184,8 @@ def test_powers_of_small_and_large_values_neither_underflow_nor_overflow(engine,
     assert result.bokeh.max() <= 1.01e4
 
 
-def test_highlights_are_expanded_before_and_stay_unclipped():
-    """Oracle: the expansion, which has its own tests, by hand."""
+def test_highlights_are_expanded_before_blurring_and_not_clipped():
+    """Oracle: explicit expansion; the curve has its own tests."""
     image, defocus = picture(40, 50, 8)
     curve = Highlights(threshold=0.7, gain=5)
     renderer = BokehRenderer("scatter")
@@ -194,7 +196,7 @@ def test_highlights_are_expanded_before_and_stay_unclipped():
     assert_allclose(curve.compress(sharp), image, rtol=1e-5)
 
 
-def test_the_hybrid_takes_highlights(pair):
+def test_the_hybrid_supports_highlights(pair):
     image, defocus = picture(40, 50, 8)
     curve = Highlights(threshold=0.7, gain=5)
     renderer = BokehRenderer("hybrid", weights=pair[0])
@@ -202,7 +204,7 @@ def test_the_hybrid_takes_highlights(pair):
     assert_array_equal(result.bokeh, renderer.render(curve.expand(image), defocus).bokeh)
 
 
-def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair):
+def test_the_aperture_shape_of_the_hybrid_comes_from_the_classical_render(pair):
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer("hybrid", aperture=PENTAGON, weights=pair[0]).render(image, defocus)
     assert_array_equal(result.classical, scatter(image, defocus, PENTAGON))
@@ -212,7 +214,7 @@ def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair
     )
 
 
-def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
+def test_an_untrained_gamma_of_the_hybrid_raises_an_error_with_a_remedy(pair):
     renderer = BokehRenderer("hybrid", weights=pair[0])
     with pytest.raises(ParameterError, match=r"gamma: expected 1, .* got 2; use the engine `scatter`"):
         renderer.render(*picture(20, 30, 4), gamma=2)
@@ -220,15 +222,15 @@ def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
 
 def test_progress_is_reported_to_the_end(pair):
     folder, _ = pair
-    seen = []
+    calls = []
     BokehRenderer("hybrid", weights=folder).render(
-        *picture(32, 32, 4), lambda done, total: seen.append((done, total))
+        *picture(32, 32, 4), lambda done, total: calls.append((done, total))
     )
-    assert seen[0][0] == 0
-    assert seen[-1][0] == seen[-1][1]
+    assert calls[0][0] == 0
+    assert calls[-1][0] == calls[-1][1]
 
 
-def test_bad_arguments_are_named():
+def test_wrong_arguments_raise_errors():
     image, defocus = picture(20, 30, 4)
     with pytest.raises(
         ParameterError, match="engine: expected one of fast, hybrid, neural, rays, scatter, got 'rays2'"

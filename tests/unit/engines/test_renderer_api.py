@@ -1,4 +1,4 @@
-"""The renderer as developers call it: disparity, threads, providers."""
+"""Programming interface of the renderer: disparity, threads, providers."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,7 +19,7 @@ def picture() -> tuple[np.ndarray, np.ndarray]:
     return rng.random((96, 120, 3), dtype=np.float32), disparity
 
 
-def test_disparity_blur_and_focus_are_a_defocus():
+def test_disparity_blur_and_focus_define_the_defocus():
     image, disparity = picture()
     renderer = BokehRenderer("scatter")
     direct = renderer.render(image, disparity=disparity, blur=12, focus=0.2)
@@ -27,7 +27,7 @@ def test_disparity_blur_and_focus_are_a_defocus():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({}, "defocus: expected either this, or `disparity`, `blur` and `focus`"),
         (
@@ -39,9 +39,9 @@ def test_disparity_blur_and_focus_are_a_defocus():
         ({"disparity": np.zeros((96, 120)), "blur": 1.0, "focus": np.nan}, "focus: expected a finite number"),
     ],
 )
-def test_half_a_defocus_is_refused(given, message):
+def test_incomplete_defocus_arguments_raise_an_error(arguments, message):
     with pytest.raises(ParameterError, match=message):
-        BokehRenderer("scatter").render(picture()[0], **given)
+        BokehRenderer("scatter").render(picture()[0], **arguments)
 
 
 @pytest.mark.parametrize("engine", ["rays", "hybrid", "fast"])
@@ -53,20 +53,20 @@ def test_eight_threads_share_one_renderer_and_give_the_same_bits(engine):
     def work(blur: float) -> np.ndarray:
         return renderer.render(image, disparity=disparity, blur=blur, focus=0.9).bokeh
 
-    alone = [work(blur) for blur in blurs]
+    sequential = [work(blur) for blur in blurs]
     with ThreadPoolExecutor(8) as pool:
-        together = list(pool.map(work, blurs))
-    for one, other in zip(alone, together, strict=True):
-        assert_array_equal(one, other)
+        parallel = list(pool.map(work, blurs))
+    for expected, bokeh in zip(sequential, parallel, strict=True):
+        assert_array_equal(expected, bokeh)
 
 
-def test_an_unknown_provider_is_refused_by_name():
+def test_an_unknown_provider_is_named_in_the_error():
     with pytest.raises(ParameterError, match=r"provider: .*NoSuchProvider"):
         BokehRenderer("hybrid", providers=["NoSuchProvider"])
 
 
-def test_session_options_are_handed_on(tmp_path):
-    """ONNX Runtime writes the optimised graph of the session whose options ask for it."""
+def test_session_options_reach_onnx_runtime(tmp_path):
+    """ONNX Runtime writes the optimised graph if the session options request it."""
     options = onnxruntime.SessionOptions()
     options.optimized_model_filepath = str(tmp_path / "optimised.onnx")
     options.log_severity_level = 3
@@ -74,13 +74,13 @@ def test_session_options_are_handed_on(tmp_path):
     assert (tmp_path / "optimised.onnx").stat().st_size > 100_000
 
 
-def test_warm_up_runs_every_part():
-    """Nothing of it is left for the first picture: kernels are found, or compiled, once for all sizes."""
+def test_warm_up_runs_all_kernels():
+    """The first picture needs no further compilation: kernels serve all sizes."""
     from bokehnet.classical.layered.march.ray_marching import _march
 
     renderer = BokehRenderer("hybrid")
     renderer.warm_up()
-    known = set(_march.machine_code)
+    kernels = set(_march.machine_code)
     image, disparity = picture()
     renderer.render(image, disparity=disparity, blur=12, focus=0.2)
-    assert set(_march.machine_code) == known != set()
+    assert set(_march.machine_code) == kernels != set()

@@ -1,4 +1,4 @@
-"""Pictures in strips: the same as whole, in bounded memory."""
+"""Rendering in strips: the same picture in bounded memory."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from bokehnet.render.renderer import BokehRenderer
 
 
 def tall_picture(height: int = 900, width: int = 120) -> tuple[np.ndarray, np.ndarray]:
-    """Posts of several depths before a slope, with lights; largest radius 14 px."""
+    """Return posts of several depths in front of a slope, with lights; maximum radius 14 pixels."""
     rng = np.random.default_rng(3)
     image = np.repeat(np.repeat(rng.random((height // 4, width // 4, 3), dtype=np.float32), 4, 0), 4, 1)
     image[rng.integers(0, height, 20), rng.integers(0, width, 20)] = 60
@@ -41,14 +41,14 @@ def test_strips_cover_every_row_once():
 
 
 @pytest.mark.parametrize(
-    ("reach", "most"),
+    ("reach", "expected_gib"),
     [(39, 1.0), (98, 1.5), (138, 2.0), (403, None)],
 )
-def test_a_large_picture_takes_little_memory_where_that_costs_little(reach, most):
-    """24 megapixels: so many GiB; few rows are looked at twice."""
+def test_large_pictures_use_little_memory_at_low_cost(reach, expected_gib):
+    """For 24 megapixels, memory in GiB; few rows are computed twice."""
     height, width = 5475, 4380
     memory = working_memory(height, width, reach, "rays")
-    assert (memory and memory / 2**30) == most
+    assert (memory and memory / 2**30) == expected_gib
     if memory is not None:
         strips = [*cut_strips(height, width, reach, "rays", memory)]
         assert max(s.last - s.first for s in strips) * width * CLASSICAL["rays"].bytes_per_pixel <= memory
@@ -68,12 +68,12 @@ GLASS = AberrationSliders(coma=3.0, field_curvature=2.0).aberration_map()
         ("rays", LensResponse(aberration_map=GLASS), 60),
         ("hybrid", LensResponse(aberration_map=replace(GLASS, tilt=(0.1, 0.05))), 60),
         ("rays", LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0)), 60),
-        # All lights of a strip share what their discs may cost: with fewer, these are finer.
+        # All lights of a strip share one budget for their discs: fewer lights have finer discs.
         ("rays", LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, lateral=1.0)), 50),
     ],
 )
-def test_strips_give_the_whole_picture(engine, lens_response, bound):
-    """Decibels; each strip ends inside posts, slope and lights' discs."""
+def test_strips_equal_the_whole_picture(engine, lens_response, bound):
+    """Bounds are in dB; each strip ends inside posts, slope and discs of lights."""
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, lens_response=lens_response)
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
@@ -83,13 +83,13 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     assert (parts.classical is None) == (engine == "hybrid")
 
 
-def test_a_picture_that_fits_is_rendered_whole():
+def test_a_picture_that_fits_is_rendered_without_strips():
     image, defocus = tall_picture(128, 60)
     whole = BokehRenderer("rays").render(image, defocus)
     assert np.array_equal(whole.bokeh, BokehRenderer("rays").render(image, defocus, max_memory=2**30).bokeh)
 
 
-def test_progress_counts_the_strips():
+def test_progress_counts_strips():
     image, defocus = tall_picture()
     calls: list[tuple[int, int]] = []
     BokehRenderer("scatter").render(
@@ -100,7 +100,7 @@ def test_progress_counts_the_strips():
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
-def test_too_little_memory_tells_how_much_it_takes():
+def test_too_little_memory_raises_an_error_with_the_minimum():
     image, defocus = tall_picture()
     with pytest.raises(
         ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
@@ -110,7 +110,7 @@ def test_too_little_memory_tells_how_much_it_takes():
 
 @pytest.mark.parametrize("engine", ["rays", "scatter", "fast"])
 @pytest.mark.parametrize("shape", [{}, {"blades": 5}])
-def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
+def test_a_cats_eye_in_strips_equals_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
     memory = 520 * image.shape[1] * CLASSICAL["rays" if engine == "rays" else "scatter"].bytes_per_pixel
@@ -130,26 +130,26 @@ COLOURS = LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, later
         ("rays", Aperture(), COLOURS),
     ],
 )
-def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine, aperture, lens_response):
-    """Authority: the whole picture, cut; the noise of rays is another one."""
+def test_an_off_centre_data_window_is_blurred_like_the_whole_picture(engine, aperture, lens_response):
+    """Authority: a crop of the whole picture; the noise of rays differs."""
     image, defocus = tall_picture(520, 240)
     image = np.minimum(image, 4)
-    top, left = 256, 128
+    top, remaining = 256, 128
     lens = {"aperture": aperture, "lens_response": lens_response}
     whole = Engine(engine).render(image, defocus, **lens).bokeh
-    cut = (image[top:, left:], defocus[top:, left:])
-    placed = Engine(engine).render(*cut, **lens, place=Place(left, top, 240, 520)).bokeh
-    alone = Engine(engine).render(*cut, **lens).bokeh
-    inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
-    expected = whole[top:, left:][inner]
-    error = [np.sqrt(np.mean((found[inner] - expected) ** 2)) for found in (placed, alone)]
+    cut = (image[top:, remaining:], defocus[top:, remaining:])
+    placed = Engine(engine).render(*cut, **lens, place=Place(remaining, top, 240, 520)).bokeh
+    unplaced = Engine(engine).render(*cut, **lens).bokeh
+    inner = np.s_[32:-20, 32:-20]  # farther from the crop border than any blur radius
+    expected = whole[top:, remaining:][inner]
+    error = [np.sqrt(np.mean((bokeh[inner] - expected) ** 2)) for bokeh in (placed, unplaced)]
     assert error[0] < (1e-5 if engine == "scatter" else 0.02)
     assert error[1] > 1.5 * error[0]
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter"])
-def test_overscan_is_blurred_as_if_it_were_not_there(engine):
-    """Authority: the shown picture alone, away from its border."""
+def test_overscan_does_not_change_the_display_window(engine):
+    """Authority: the display window rendered alone, away from its border."""
     image, defocus = tall_picture(384, 240)
     image = np.minimum(image, 4)
     lens = {"aperture": Aperture(cats_eye=0.9)}
@@ -157,72 +157,72 @@ def test_overscan_is_blurred_as_if_it_were_not_there(engine):
         lens["lens_response"] = LensResponse(aberration_map=GLASS)
     shown = np.s_[128:-128, 32:-32]
     larger = Engine(engine).render(image, defocus, **lens, place=Place(-32, -128, 176, 128)).bokeh
-    alone = Engine(engine).render(image[shown], defocus[shown], **lens).bokeh
+    unplaced = Engine(engine).render(image[shown], defocus[shown], **lens).bokeh
     inner = np.s_[20:-20, 20:-20]
-    error = np.sqrt(np.mean((larger[shown][inner] - alone[inner]) ** 2))
+    error = np.sqrt(np.mean((larger[shown][inner] - unplaced[inner]) ** 2))
     assert error < (1e-5 if engine == "scatter" else 0.03)
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter", "hybrid"])
-def test_the_result_may_take_the_place_of_what_was_given(engine):
-    """Oracle: the same strips beside their input, bit for bit."""
+def test_the_result_can_overwrite_its_input(engine):
+    """Oracle: the same strips without overwriting, bit for bit."""
     image, defocus = tall_picture()
-    image[:5] = -0.5  # counts as 0
+    image[:5] = -0.5  # clipped to 0
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     renderer = BokehRenderer(engine)
-    before = image.copy(), defocus.copy()
-    beside = renderer.render(image, defocus, max_memory=memory)
-    assert np.array_equal(image, before[0])
-    assert np.array_equal(defocus, before[1])
-    over = renderer.render(image, defocus, max_memory=memory, overwrite=True)
-    assert over.bokeh is image
-    assert over.error_map is defocus
-    assert np.array_equal(over.bokeh, beside.bokeh)
-    assert np.array_equal(over.error_map, beside.error_map)
+    original = image.copy(), defocus.copy()
+    separate = renderer.render(image, defocus, max_memory=memory)
+    assert np.array_equal(image, original[0])
+    assert np.array_equal(defocus, original[1])
+    overwritten = renderer.render(image, defocus, max_memory=memory, overwrite=True)
+    assert overwritten.bokeh is image
+    assert overwritten.error_map is defocus
+    assert np.array_equal(overwritten.bokeh, separate.bokeh)
+    assert np.array_equal(overwritten.error_map, separate.error_map)
 
 
-def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
-    """Oracle: the same strips beside their input, bit for bit."""
+def test_scatter_networks_do_not_overwrite_the_defocus():
+    """Oracle: the same strips without overwriting, bit for bit."""
     image, defocus = tall_picture()
-    before = defocus.copy()
+    original = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     renderer = BokehRenderer("fast")
-    beside = renderer.render(image, defocus, max_memory=memory)
-    over = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
-    assert over.bokeh is image
-    assert np.array_equal(defocus, before)
-    assert np.array_equal(over.bokeh, beside.bokeh)
-    assert np.array_equal(over.error_map, beside.error_map)
+    separate = renderer.render(image, defocus, max_memory=memory)
+    overwritten = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
+    assert overwritten.bokeh is image
+    assert np.array_equal(defocus, original)
+    assert np.array_equal(overwritten.bokeh, separate.bokeh)
+    assert np.array_equal(overwritten.error_map, separate.error_map)
 
 
-def test_what_cannot_be_written_to_is_left_alone():
+def test_read_only_arrays_are_not_overwritten():
     image, defocus = tall_picture()
     defocus.flags.writeable = False
-    before = defocus.copy()
+    original = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     result = BokehRenderer("scatter").render(image, defocus, max_memory=memory, overwrite=True)
     assert result.bokeh is image
-    assert np.array_equal(defocus, before)
+    assert np.array_equal(defocus, original)
     assert result.error_map.max() > 0
 
 
-def test_memory_that_is_taken_counts():
-    """What is left decides: the same strips, and the least is told in all."""
-    left = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
-    assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
-        *cut_strips(1000, 80, 10, "rays", left)
+def test_memory_in_use_counts():
+    """The remaining memory defines the strips; the error states the total minimum."""
+    remaining = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
+    assert [*cut_strips(1000, 80, 10, "rays", remaining + 10**9, 10**9)] == [
+        *cut_strips(1000, 80, 10, "rays", remaining)
     ]
     with pytest.raises(ParameterError, match="max_memory: expected at least 1005 MB in all"):
         [*cut_strips(1000, 80, 10, "rays", 10**9, 10**9)]
 
 
-def test_rows_wait_until_no_later_strip_reads_them():
-    """Three strips of 4 rows that read two rows more on either side."""
-    read = np.arange(12.0)[:, None].repeat(2, 1)
-    gathered = StripAccumulator(read, overwrite=True)
+def test_rows_are_overwritten_after_the_last_strip_that_reads_them():
+    """Three strips of 4 rows read two additional rows on both sides."""
+    rows_read = np.arange(12.0)[:, None].repeat(2, 1)
+    accumulator = StripAccumulator(rows_read, overwrite=True)
     for first, read_from in ((0, 2), (4, 6), (8, 12)):
-        gathered.add(first, np.full((4, 2), -1.0 - first), read_from)
-        assert (read[read_from:] == np.arange(12.0)[read_from:, None]).all()
-        assert (read[:read_from] < 0).all()
-    assert gathered.array is read
-    assert read[:, 0].tolist() == [-1.0] * 4 + [-5.0] * 4 + [-9.0] * 4
+        accumulator.add(first, np.full((4, 2), -1.0 - first), read_from)
+        assert (rows_read[read_from:] == np.arange(12.0)[read_from:, None]).all()
+        assert (rows_read[:read_from] < 0).all()
+    assert accumulator.array is rows_read
+    assert rows_read[:, 0].tolist() == [-1.0] * 4 + [-5.0] * 4 + [-9.0] * 4

@@ -1,4 +1,4 @@
-"""What kinds of arrays the public API takes: floats of any length; nothing else is rendered silently."""
+"""Array types of the public functions: floats of any precision; other types raise errors."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def render(image=LIGHT, disparity=DISPARITY):
     return renderer.render(image, disparity=disparity, blur=6, focus=0.5).bokeh
 
 
-PICTURE_TAKERS = {
+PICTURE_FUNCTIONS = {
     "renderer": render,
     "scene": lambda image: bokehnet.make_scene(image, bokehnet.ConstantDisparity(value=0.5)),
     "repair": lambda image: bokehnet.DisparityRepair()(image, DISPARITY),
@@ -32,65 +32,65 @@ PICTURE_TAKERS = {
 
 
 @pytest.mark.parametrize("dtype", REFUSED)
-@pytest.mark.parametrize("taker", PICTURE_TAKERS)
-def test_pictures_of_anything_but_floats_are_refused(taker, dtype, tmp_path, monkeypatch):
+@pytest.mark.parametrize("function", PICTURE_FUNCTIONS)
+def test_pictures_of_other_types_raise_errors(function, dtype, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ParameterError, match=rf"^image: expected .* numbers.*, got an array of .*{dtype}"):
-        PICTURE_TAKERS[taker](CODES.astype(dtype))
+        PICTURE_FUNCTIONS[function](CODES.astype(dtype))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 65535)])
-def test_the_way_out_of_a_refused_picture_is_the_decoding_of_its_file(dtype, white, tmp_path):
-    """Oracle: the reader of files, for the same codes; what the message says is run as it stands."""
+def test_the_remedy_decodes_codes_like_the_file_reader(dtype, white, tmp_path):
+    """Oracle: the file reader for the same codes; the test runs the expression in the message."""
     codes = (CODES.astype(np.uint32) * (white // 255)).astype(dtype)
     with pytest.raises(ParameterError) as caught:
         render(codes)
-    told = f"bokehnet.io.color.srgb.srgb_to_linear(image / {white})"
-    assert told in str(caught.value)
+    expression = f"bokehnet.io.color.srgb.srgb_to_linear(image / {white})"
+    assert expression in str(caught.value)
     bokehnet.write_image(tmp_path / "codes.png", LIGHT)
-    decoded = eval(told, {"bokehnet": bokehnet, "image": codes})
+    decoded = eval(expression, {"bokehnet": bokehnet, "image": codes})
     assert_allclose(decoded, bokehnet.read_image(tmp_path / "codes.png"), atol=1e-6)
 
 
 @pytest.mark.parametrize("dtype", REFUSED)
-def test_disparity_defocus_and_coverage_of_anything_but_floats_are_refused(dtype):
+def test_disparity_defocus_and_coverage_of_other_types_raise_errors(dtype):
     codes = CODES[..., 0].astype(dtype)
-    found = rf"expected .*numbers.*, got an array of (.*{dtype}|shape)"
-    with pytest.raises(ParameterError, match=f"^disparity: {found}"):
+    result = rf"expected .*numbers.*, got an array of (.*{dtype}|shape)"
+    with pytest.raises(ParameterError, match=f"^disparity: {result}"):
         render(disparity=codes)
-    with pytest.raises(ParameterError, match=f"^defocus: {found}"):
+    with pytest.raises(ParameterError, match=f"^defocus: {result}"):
         bokehnet.BokehRenderer("scatter").render(LIGHT, codes)
-    with pytest.raises(ParameterError, match=f"^alpha: {found}"):
+    with pytest.raises(ParameterError, match=f"^alpha: {result}"):
         bokehnet.make_scene(LIGHT, bokehnet.ConstantDisparity(value=0.5), alpha=codes)
 
 
-def test_a_source_takes_integers_over_their_own_range():
-    """Relative disparity has no unit: the lowest and the highest value are 0 and 1 in any type."""
+def test_a_depth_source_normalises_integers():
+    """Relative disparity has no unit: minimum and maximum are 0 and 1 in any type."""
     codes = np.repeat(np.arange(32, dtype=np.uint16)[None], 24, 0)
-    wanted = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=DISPARITY)).depth.values
-    found = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=codes)).depth.values
-    assert_allclose(found, wanted, atol=1e-6)
+    expected = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=DISPARITY)).depth.values
+    result = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=codes)).depth.values
+    assert_allclose(result, expected, atol=1e-6)
 
 
-def test_floats_of_16_bits_are_rendered_as_the_float32_that_they_are():
-    wanted = render(
+def test_float16_renders_like_float32():
+    expected = render(
         LIGHT.astype(np.float16).astype(np.float32), DISPARITY.astype(np.float16).astype(np.float32)
     )
-    found = render(LIGHT.astype(np.float16), DISPARITY.astype(np.float16).astype(np.float32))
-    assert found.dtype == np.float32
-    assert_array_equal(found, wanted)
+    result = render(LIGHT.astype(np.float16), DISPARITY.astype(np.float16).astype(np.float32))
+    assert result.dtype == np.float32
+    assert_array_equal(result, expected)
 
 
-def test_floats_of_64_bits_are_rounded_to_float32():
-    found = render(LIGHT.astype(np.float64), DISPARITY.astype(np.float64))
-    assert found.dtype == np.float32
-    assert_allclose(found, render(), atol=2e-6)
+def test_float64_is_rounded_to_float32():
+    result = render(LIGHT.astype(np.float64), DISPARITY.astype(np.float64))
+    assert result.dtype == np.float32
+    assert_allclose(result, render(), atol=2e-6)
 
 
-def test_the_input_is_not_changed():
+def test_the_input_does_not_change():
     image, disparity = LIGHT.astype(np.float64), DISPARITY.copy()
-    before = image.copy(), disparity.copy()
+    original = image.copy(), disparity.copy()
     render(image, disparity)
-    assert_array_equal(image, before[0])
-    assert_array_equal(disparity, before[1])
+    assert_array_equal(image, original[0])
+    assert_array_equal(disparity, original[1])

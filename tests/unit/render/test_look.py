@@ -1,4 +1,4 @@
-"""From settings to the lens opening, the lens and the camera. Authority: the classes of the rooms below."""
+"""Aperture, lens and camera effects from settings. Authority: the classes of optics, lenses and effects."""
 
 import math
 
@@ -44,7 +44,7 @@ def response(lens=None, **color):
     return make_lens_response(lens or LensSettings(), ColorSettings(**color))
 
 
-def test_the_default_look_is_none():
+def test_default_settings_have_no_effect():
     assert make_aperture(ApertureSettings()) == Aperture()
     assert make_effects(EffectSettings()) is None
     assert make_highlights(HighlightSettings()) is None
@@ -55,7 +55,7 @@ def test_the_default_look_is_none():
     BokehRenderer().check(RenderSettings())
 
 
-def test_every_field_of_the_aperture_arrives():
+def test_every_field_of_the_aperture_is_used():
     settings = ApertureSettings(
         blades=7, curvature=0.3, rotation=-20, squeeze=1.5, cats_eye=0.4, spherical_profile=0.5,
         obstruction=0.2, onion=0.6, onion_rings=9, grain=0.7, grain_seed=3,
@@ -66,13 +66,13 @@ def test_every_field_of_the_aperture_arrives():
     )  # fmt: skip
 
 
-def test_effects_of_strength_0_are_none():
+def test_effects_of_strength_0_have_no_effect():
     assert make_effects(EffectSettings(brown=(0, 0, 0, 0, 0), vignette=0, grain=0, grain_size=2)) is None
     assert make_effects(EffectSettings(vignette=0, vignette_radius=1, vignette_softness=0.5)) is None
 
 
 @pytest.mark.parametrize(
-    ("settings", "wanted"),
+    ("settings", "expected"),
     [
         ({"distortion": -0.1}, {"distortion": DivisionModel(strength=-0.1)}),
         ({"brown": (-0.1,)}, {"distortion": BrownConrady(radial=(-0.1, 0.0, 0.0))}),
@@ -95,30 +95,30 @@ def test_effects_of_strength_0_are_none():
         ({"grain": 800}, {"grain": Grain(iso=800.0)}),
     ],
 )
-def test_effects_are_those_of_the_library(settings, wanted):
-    assert make_effects(EffectSettings(**settings)) == CameraEffects(**wanted)
+def test_effects_equal_the_library_classes(settings, expected):
+    assert make_effects(EffectSettings(**settings)) == CameraEffects(**expected)
 
 
-def test_highlights_are_those_of_the_library():
+def test_highlights_equal_the_library_class():
     assert make_highlights(HighlightSettings(threshold=0.7)) == Highlights(threshold=0.7)
     assert make_highlights(HighlightSettings(threshold=0, gain=3)) == Highlights(threshold=0, gain=3)
 
 
-def test_a_lens_response_holds_what_was_given():
-    found = response(LensSettings(coma=2), axial=2, dispersion="rgb", equaliser=(1, 2, 1))
-    assert isinstance(found.chromatic_aberration, ChromaticAberration)
-    assert (found.chromatic_aberration.axial, found.chromatic_aberration.lateral) == (2, 0)
-    assert found.wavelength_sampling == WavelengthSampling(dispersion="rgb", equaliser=(1, 2, 1))
-    wanted = AberrationSliders(coma=2.0).aberration_map()
-    assert_allclose(found.aberration_map.transverse_aberration, wanted.transverse_aberration)
+def test_a_lens_response_contains_its_settings():
+    result = response(LensSettings(coma=2), axial=2, dispersion="rgb", equaliser=(1, 2, 1))
+    assert isinstance(result.chromatic_aberration, ChromaticAberration)
+    assert (result.chromatic_aberration.axial, result.chromatic_aberration.lateral) == (2, 0)
+    assert result.wavelength_sampling == WavelengthSampling(dispersion="rgb", equaliser=(1, 2, 1))
+    expected = AberrationSliders(coma=2.0).aberration_map()
+    assert_allclose(result.aberration_map.transverse_aberration, expected.transverse_aberration)
 
 
-def test_glass_comes_with_the_picture_and_not_with_the_response():
+def test_lens_aberrations_are_computed_per_picture():
     color = ColorSettings(dispersion="rgb")
     RenderSettings(lens=LensSettings(name="petzval"), color=color)  # a lens parts the colours
-    found = make_lens_response(LensSettings(name="petzval"), color)
-    assert found.wavelength_sampling == WavelengthSampling(dispersion="rgb")
-    assert found.aberration_map.is_perfect
+    result = make_lens_response(LensSettings(name="petzval"), color)
+    assert result.wavelength_sampling == WavelengthSampling(dispersion="rgb")
+    assert result.aberration_map.is_perfect
 
 
 @pytest.mark.parametrize("text", ["1,0.5,0,2", "1 0.5\n0\n\n 2\n", "1,\n0.5,0,2,\n", "\ufeff1 0.5 0 2"])
@@ -130,7 +130,7 @@ def test_gains_are_read_from_files(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("content", "kind", "words"),
+    ("content", "kind", "message"),
     [
         (None, ParameterError, "color.equaliser: expected numbers separated by commas, or a file with them"),
         (b"", ParameterError, "color.equaliser: expected 1 to 64 gains, got 0"),
@@ -142,16 +142,16 @@ def test_gains_are_read_from_files(tmp_path, text):
         (b"1 " * 65, ParameterError, "color.equaliser: expected 1 to 64 gains, got 65"),
     ],
 )
-def test_a_file_of_gains_that_holds_none_is_told(tmp_path, content, kind, words):
+def test_a_file_without_gains_raises_an_error(tmp_path, content, kind, message):
     path = tmp_path / "gains.txt"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(kind, match=words):
+    with pytest.raises(kind, match=message):
         response(axial=1, equaliser=path)
 
 
 @pytest.mark.parametrize(
-    ("color", "parameter", "words"),
+    ("color", "parameter", "message"),
     [
         ({"axial": 1, "axial_map": "steep"}, "color.axial_map", "'steep'"),
         ({"lateral": 1, "lateral_map": "power:x"}, "color.lateral_map", "power:x"),
@@ -160,8 +160,8 @@ def test_a_file_of_gains_that_holds_none_is_told(tmp_path, content, kind, words)
         ({"axial": 1, "equaliser": (1,) * 65}, "color.equaliser", "1 to 64 gains"),
     ],
 )
-def test_names_that_nobody_knows_are_told_by_their_field(color, parameter, words):
-    with pytest.raises(ParameterError, match=words) as caught:
+def test_unknown_names_raise_errors_with_their_field(color, parameter, message):
+    with pytest.raises(ParameterError, match=message) as caught:
         response(**color)
     assert caught.value.parameter == parameter
 
@@ -170,33 +170,33 @@ def test_names_that_nobody_knows_are_told_by_their_field(color, parameter, words
     ("effects", "parameter"),
     [({"brown": (-0.5,)}, "effects.brown"), ({"brown": (0, 0, 0, 0.5, 0)}, "effects.brown")],
 )
-def test_a_picture_that_folds_is_told_by_its_field(effects, parameter):
+def test_distortion_that_folds_raises_an_error_with_its_field(effects, parameter):
     with pytest.raises(ParameterError, match="folds over itself") as caught:
         make_effects(EffectSettings(**effects))
     assert caught.value.parameter == parameter
 
 
-@pytest.mark.parametrize(("value", "words"), [(0.0, "light inside the opening"), (-1.0, "from 0 up")])
-def test_a_picture_of_no_opening_is_told_by_its_field(tmp_path, value, words):
+@pytest.mark.parametrize(("value", "message"), [(0.0, "light inside the opening"), (-1.0, "from 0 up")])
+def test_an_empty_aperture_picture_raises_an_error_with_its_field(tmp_path, value, message):
     write_image(tmp_path / "dark.exr", np.full((8, 8, 3), value))
-    with pytest.raises(ParameterError, match=words) as caught:
+    with pytest.raises(ParameterError, match=message) as caught:
         make_aperture(ApertureSettings(image=tmp_path / "dark.exr"))
     assert caught.value.parameter == "aperture.image"
 
 
 @pytest.mark.parametrize(
-    ("lens", "words"),
+    ("lens", "message"),
     [
         ({"name": "nikkor"}, "`lens.name`: unknown lens 'nikkor'"),
         ({"name": "petzval", "f_number": 1.2}, "`lens.name`: Petzval: f-number"),
     ],
 )
-def test_a_lens_that_cannot_be_is_told_before_any_picture(lens, words):
-    with pytest.raises(LensError, match=words):
+def test_an_invalid_lens_raises_an_error_before_rendering(lens, message):
+    with pytest.raises(LensError, match=message):
         BokehRenderer().check(RenderSettings(lens=LensSettings(**lens)))
 
 
-def test_a_camera_that_opens_wider_than_the_lens_is_told_the_way_out():
+def test_an_f_number_below_that_of_the_lens_raises_an_error_with_a_remedy():
     with pytest.raises(LensError, match=r"Petzval: f-number.*`lens.f_number` sets that of the lens only"):
         prescription_lens(LensSettings(name="petzval"), f_number=1.4)
     assert prescription_lens(LensSettings(name="petzval", f_number=4), f_number=1.4).f_number == 4
@@ -206,28 +206,28 @@ def focused(camera=None, near=0.5):
     return FocusedLens(near=near, far=near, blur=9, camera=camera, plane=None, window=WINDOW)
 
 
-def test_with_relative_disparity_the_lens_is_the_one_designed():
+def test_relative_disparity_uses_the_lens_as_designed():
     settings = LensSettings(name="double_gauss", aberrations="seidel")
-    found = picture_aberrations(settings, focused(), WINDOW)
-    wanted = seidel_aberration_map(load_lens("double_gauss"))
-    assert_allclose(found.transverse_aberration, wanted.transverse_aberration)
+    result = picture_aberrations(settings, focused(), WINDOW)
+    expected = seidel_aberration_map(load_lens("double_gauss"))
+    assert_allclose(result.transverse_aberration, expected.transverse_aberration)
 
 
-def test_with_metric_depth_the_lens_has_the_numbers_of_the_camera():
+def test_metric_depth_scales_the_lens_to_the_camera():
     camera = LensNumbers(focal_length=50, f_number=2.2, sensor_width=12)
     settings = LensSettings(name="double_gauss", aberrations="seidel")
-    found = picture_aberrations(settings, focused(camera, near=1 / 2000), WINDOW)
+    result = picture_aberrations(settings, focused(camera, near=1 / 2000), WINDOW)
     lens = load_lens("double_gauss", focal_length=50.0, f_number=2.2, focus_distance=2000.0)
-    wanted = seidel_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
-    assert_allclose(found.transverse_aberration, wanted.transverse_aberration)
+    expected = seidel_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
+    assert_allclose(result.transverse_aberration, expected.transverse_aberration)
     assert (
         np.abs(
-            found.transverse_aberration
+            result.transverse_aberration
             - seidel_aberration_map(load_lens("double_gauss")).transverse_aberration
         ).max()
         > 0
     )
 
 
-def test_without_a_lens_and_a_lean_nothing_is_added():
+def test_no_aberrations_without_lens_and_tilt():
     assert picture_aberrations(LensSettings(), focused(), WINDOW) is None

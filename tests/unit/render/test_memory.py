@@ -1,4 +1,4 @@
-"""A bound of the memory that is too small is told before anything is read."""
+"""A memory bound that is too small raises an error before pixels are read."""
 
 import re
 from dataclasses import replace
@@ -19,41 +19,41 @@ from bokehnet.scene.scene import read_scene
 from bokehnet.settings.settings import RenderSettings
 from tests.unit.io.exr_files import write_exr
 
-TOLD = {"input": {"disparity": "map.png"}, "camera": {"blur": 20}, "focus": {"value": 0.25}}
+BASE_SETTINGS = {"input": {"disparity": "map.png"}, "camera": {"blur": 20}, "focus": {"value": 0.25}}
 
 
 def bounded(size: int, **others: object) -> RenderSettings:
-    return RenderSettings().updated({**TOLD, "engine": {"max_memory": size}, **others})
+    return RenderSettings().updated({**BASE_SETTINGS, "engine": {"max_memory": size}, **others})
 
 
-def test_the_minimum_that_is_stated_is_enough(tmp_path, monkeypatch):
+def test_the_stated_minimum_suffices(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
-    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
+    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as error:
         check_memory("photo.png", bounded(10**8))
-    found = re.search(r"at least (\d+) MB for 60x40 pixels", str(told.value))
-    assert found is not None
-    settings = bounded(int(found[1]) * 10**6)
+    match = re.search(r"at least (\d+) MB for 60x40 pixels", str(error.value))
+    assert match is not None
+    settings = bounded(int(match[1]) * 10**6)
     check_memory("photo.png", settings)
     result = BokehRenderer("rays").render(read_scene("photo.png", settings), settings)
     assert result.bokeh.shape == (40, 60, 3)
 
 
-def test_commands_check_memory_before_they_read_the_pixels(tmp_path, monkeypatch, cli):
+def test_commands_check_memory_before_they_read_pixels(tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
     write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
-    read = []
-    monkeypatch.setattr(scene_module, "read_frame", lambda *arguments: read.append(arguments))
-    words = ("photo.png", "--disparity", "map.png", "--blur", 20, "--focus", 0.25, "--max-memory", "100M")
-    outcome = cli("render", *words, "-o", "out.png")
+    reads = []
+    monkeypatch.setattr(scene_module, "read_frame", lambda *arguments: reads.append(arguments))
+    arguments = ("photo.png", "--disparity", "map.png", "--blur", 20, "--focus", 0.25, "--max-memory", "100M")
+    outcome = cli("render", *arguments, "-o", "out.png")
     assert outcome.code == 1
     assert "--max-memory: expected at least" in outcome.err
-    assert not read
+    assert not reads
 
 
-def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
+def test_the_minimum_grows_with_picture_and_options():
     settings = bounded(10**9, depth={"repair": "off"})
     small, large = (min_memory(settings, "rays", 1000 * n, 1000 * n) for n in (1, 5))
     assert PROGRAM < small < large
@@ -72,11 +72,11 @@ def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
         {},
     ],
 )
-def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
-    """Authority: the least that the engine itself tells once the picture is there, of 400x3000 pixels."""
+def test_the_reach_of_a_lens_is_counted_before_pixels_are_read(look):
+    """Authority: the minimum that the engine states for the picture of 400x3000 pixels."""
     settings = bounded(1, depth={"repair": "off"}, **look)
     height, width = 3000, 400
-    least = min_memory(settings, "rays", width, height)
+    minimum = min_memory(settings, "rays", width, height)
     engine = Engine("rays")
     defocus = np.full((height, width), -15, np.float32)
     defocus[0, 0] = 5
@@ -86,23 +86,23 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
     glass = picture_aberrations(settings.lens, focused, window)
     if glass is not None:
         response = replace(response, aberration_map=response.aberration_map + glass)
-    taken = PROGRAM + 16 * height * width
-    with pytest.raises(ParameterError) as told:
+    in_use = PROGRAM + 16 * height * width
+    with pytest.raises(ParameterError) as error:
         engine.render(
             np.ones((height, width, 3), np.float32),
             defocus,
             lens_response=response,
-            max_memory=taken,
-            memory_in_use=taken,
+            max_memory=in_use,
+            memory_in_use=in_use,
         )
-    found = re.search(r"at least (\d+) MB", str(told.value))
-    assert found is not None
-    assert int(found[1]) == np.ceil(least / 1e6)
+    match = re.search(r"at least (\d+) MB", str(error.value))
+    assert match is not None
+    assert int(match[1]) == np.ceil(minimum / 1e6)
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
-def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch):
-    """The least that is told is enough to render with; without alpha it is less."""
+def test_alpha_is_counted_before_pixels_are_read(engine, tmp_path, monkeypatch):
+    """The stated minimum suffices to render; without alpha it is smaller."""
     monkeypatch.chdir(tmp_path)
     height, width = 1500, 60
     rgba = np.full((height, width, 4), 0.25, np.float32)
@@ -110,13 +110,13 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
     write_exr("shot.exr", {"channels": {name: ("float", rgba[..., i]) for i, name in enumerate("RGBA")}})
     write_map("map.png", np.linspace(0, 1, height * width).reshape(height, width))
 
-    def told(size):
+    def settings_for(size):
         return bounded(size, depth={"repair": "off", "as_stored": True}).updated({"engine": {"name": engine}})
 
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
-        check_memory("shot.exr", told(10**8))
-    found = re.search(r"at least (\d+) MB", str(refused.value))
-    assert found is not None
-    settings = told(int(found[1]) * 10**6)
+        check_memory("shot.exr", settings_for(10**8))
+    match = re.search(r"at least (\d+) MB", str(refused.value))
+    assert match is not None
+    settings = settings_for(int(match[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
     assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)

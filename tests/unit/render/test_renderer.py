@@ -1,4 +1,4 @@
-"""The renderer that people use. Authority: its two forms and its ways must agree bit for bit."""
+"""Public renderer. Authority: scenes and arrays must give the same bits."""
 
 import dataclasses
 import pickle
@@ -42,7 +42,7 @@ HALF = 2**-11  # relative rounding error of half floats
 PLAIN = RenderSettings(
     camera=CameraSettings(blur=9),
     focus=FocusSettings(value=0.4),
-    depth=DepthSettings(repair="off"),  # the picture is noise, nothing to follow
+    depth=DepthSettings(repair="off"),  # the picture is noise without edges
 )
 
 
@@ -63,31 +63,31 @@ def with_groups(**groups):
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 def test_a_scene_and_its_arrays_give_the_same_bits(scene, photo, defocus, engine):
     renderer = BokehRenderer(engine)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
+    result, expected = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
     for name in ("bokeh", "classical", "error_map", "defocus"):
-        assert_array_equal(getattr(found, name), getattr(wanted, name))
-    assert found.neural is None
-    assert np.abs(found.bokeh - photo).max() > 0.1
+        assert_array_equal(getattr(result, name), getattr(expected, name))
+    assert result.neural is None
+    assert np.abs(result.bokeh - photo).max() > 0.1
 
 
-def test_the_networks_take_scenes_too(scene, photo, defocus, random_weights):
+def test_networks_render_scenes_like_arrays(scene, photo, defocus, random_weights):
     renderer = BokehRenderer("fast", weights=random_weights)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
-    assert_array_equal(found.bokeh, wanted.bokeh)
-    assert_array_equal(found.neural, wanted.neural)
+    result, expected = renderer.render(scene, PLAIN), renderer.render(photo, defocus)
+    assert_array_equal(result.bokeh, expected.bokeh)
+    assert_array_equal(result.neural, expected.neural)
 
 
-def test_highlights_gamma_and_effects_are_those_of_the_library(scene, photo, defocus):
+def test_highlights_gamma_and_effects_equal_the_library_functions(scene, photo, defocus):
     light = HighlightSettings(threshold=0.7, gain=20, gamma=2)
     settings = with_groups(highlights=light, effects=EffectSettings(grain=3200))
     renderer = BokehRenderer("scatter")
     plain = renderer.render(photo, defocus, gamma=2.0, highlights=Highlights(threshold=0.7, gain=20)).bokeh
-    found = renderer.render(scene, settings)
-    assert_array_equal(found.bokeh, CameraEffects(grain=Grain(iso=3200.0)).apply(plain))
-    assert_array_equal(found.classical, plain)  # before the effects
+    result = renderer.render(scene, settings)
+    assert_array_equal(result.bokeh, CameraEffects(grain=Grain(iso=3200.0)).apply(plain))
+    assert_array_equal(result.classical, plain)  # before the effects
 
 
-def test_preparing_first_changes_no_bit(scene):
+def test_preparing_does_not_change_the_result(scene):
     renderer = BokehRenderer("scatter")
     prepared = renderer.prepare(scene, PLAIN)
     assert_array_equal(renderer.render(prepared, PLAIN).bokeh, renderer.render(scene, PLAIN).bokeh)
@@ -95,7 +95,7 @@ def test_preparing_first_changes_no_bit(scene):
     assert_array_equal(prepared.image, scene.image)
 
 
-def test_one_prepared_scene_serves_many_looks(scene):
+def test_a_prepared_scene_renders_several_apertures(scene):
     renderer = BokehRenderer("scatter")
     prepared = renderer.prepare(scene, PLAIN)
     for blades in (0, 6):
@@ -103,47 +103,47 @@ def test_one_prepared_scene_serves_many_looks(scene):
         assert_array_equal(renderer.render(prepared, settings).bokeh, renderer.render(scene, settings).bokeh)
 
 
-def test_repairing_is_told(scene):
-    for mode, told in (("off", None), ("on", True)):
+def test_the_report_states_the_repair(scene):
+    for mode, repaired in (("off", None), ("on", True)):
         settings = with_groups(depth=DepthSettings(repair=mode))
         report = BokehRenderer("scatter").render(scene, settings).report
-        assert report.repaired is told
-        assert bool(report.repair_reason) is (told is not None)
+        assert report.repaired is repaired
+        assert bool(report.repair_reason) is (repaired is not None)
     auto = BokehRenderer("scatter").prepare(scene, with_groups(depth=DepthSettings()))
     assert auto.repaired in (True, False)
     assert auto.repair_reason
 
 
-def test_what_settings_leave_at_their_default_is_as_the_renderer_was_made(scene, photo, defocus):
-    """Authority: the array form, which knows no settings."""
+def test_default_settings_keep_the_options_of_the_renderer(scene, photo, defocus):
+    """Authority: rendering of arrays, which does not read settings."""
     coma = LensResponse(aberration_map=AberrationSliders(coma=8.0).aberration_map())
-    made = BokehRenderer("rays", aperture=Aperture(blades=5), lens_response=coma)
-    assert_array_equal(made.render(scene, PLAIN).bokeh, made.render(photo, defocus).bokeh)
-    # What settings do say takes its place, engine included.
+    renderer = BokehRenderer("rays", aperture=Aperture(blades=5), lens_response=coma)
+    assert_array_equal(renderer.render(scene, PLAIN).bokeh, renderer.render(photo, defocus).bokeh)
+    # Explicit settings replace the options of the renderer, including the engine.
     settings = with_groups(
         aperture=ApertureSettings(blades=7), lens=LensSettings(coma=-8), engine=EngineSettings(name="rays")
     )
     other = LensResponse(aberration_map=AberrationSliders(coma=-8.0).aberration_map())
-    wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render(photo, defocus)
-    assert_array_equal(made.render(scene, settings).bokeh, wanted.bokeh)
+    expected = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render(photo, defocus)
+    assert_array_equal(renderer.render(scene, settings).bokeh, expected.bokeh)
     with pytest.raises(ParameterError, match=r"engine.name: expected one that supports aberrations"):
-        made.render(scene, with_groups(engine=EngineSettings(name="scatter")))
+        renderer.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     disc = BokehRenderer("rays", aperture=Aperture(blades=5))
-    found = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
-    assert found.report.engine == "scatter"
+    result = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
+    assert result.report.engine == "scatter"
     scatter = BokehRenderer("scatter", aperture=Aperture(blades=5)).render(photo, defocus)
-    assert_array_equal(found.bokeh, scatter.bokeh)
+    assert_array_equal(result.bokeh, scatter.bokeh)
 
 
-def test_without_settings_a_ready_defocus_is_rendered(photo, defocus):
+def test_a_defocus_map_renders_without_settings(photo, defocus):
     scene = make_scene(photo, DefocusMap(map=defocus))
     renderer = BokehRenderer("scatter")
-    found = renderer.render(scene)
-    assert_array_equal(found.bokeh, renderer.render(photo, defocus).bokeh)
-    assert (found.report.focus_disparity, found.report.focus_distance) == (None, None)
+    result = renderer.render(scene)
+    assert_array_equal(result.bokeh, renderer.render(photo, defocus).bokeh)
+    assert (result.report.focus_disparity, result.report.focus_distance) == (None, None)
 
 
-def test_a_report_says_what_was_decided(scene, photo, steps):
+def test_the_report_states_engine_and_focus(scene, photo, steps):
     renderer = BokehRenderer("scatter")
     report = renderer.render(scene, PLAIN).report
     assert (report.engine, report.focus_disparity, report.focus_distance) == ("scatter", 0.4, None)
@@ -156,20 +156,20 @@ def test_a_report_says_what_was_decided(scene, photo, steps):
     assert report.focus_disparity == pytest.approx(1 / 2000)
 
 
-def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
-    """Oracle: a grey picture of the coverage, blurred by the same defocus."""
+def test_coverage_is_blurred_like_light(photo, steps, defocus):
+    """Oracle: the coverage as a grey picture, blurred by the same defocus."""
     alpha = np.zeros(photo.shape[:2], np.float32)
     alpha[10:30, 24:40] = 1
     scene = make_scene(photo * alpha[..., None], RelativeDisparity(map=steps, as_stored=True), alpha=alpha)
     renderer = BokehRenderer("scatter")
-    found = renderer.render(scene, PLAIN)
+    result = renderer.render(scene, PLAIN)
     grey = renderer.render(np.repeat(alpha[..., None], 3, -1), defocus).bokeh
-    assert_allclose(found.alpha, grey.mean(-1), atol=1e-6)
-    assert found.alpha.max() <= 1
+    assert_allclose(result.alpha, grey.mean(-1), atol=1e-6)
+    assert result.alpha.max() <= 1
 
 
 def test_strips_give_the_same_picture(scene, monkeypatch):
-    """Oracle: the whole picture at once; only rounding differs."""
+    """Oracle: the whole picture without strips; only rounding differs."""
     monkeypatch.setattr("bokehnet.render.memory_bounds.PROGRAM", 0)
     monkeypatch.setattr("bokehnet.engines.strips._FEWEST_ROWS", 1, raising=False)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
@@ -178,13 +178,13 @@ def test_strips_give_the_same_picture(scene, monkeypatch):
     calls = []
     settings = with_groups(engine=EngineSettings(max_memory=1_900_000))
     renderer = BokehRenderer("scatter")
-    found = renderer.render(tall_scene, settings, lambda *step: calls.append(step))
+    result = renderer.render(tall_scene, settings, lambda *step: calls.append(step))
     assert calls[-1][1] > 1
-    assert_allclose(found.bokeh, renderer.render(tall_scene, PLAIN).bokeh, atol=1e-5)
+    assert_allclose(result.bokeh, renderer.render(tall_scene, PLAIN).bokeh, atol=1e-5)
     assert_array_equal(tall_scene.image, tall)
 
 
-def test_progress_counts_up_to_the_end(scene):
+def test_progress_increases_to_the_total(scene):
     calls = []
     BokehRenderer("scatter").render(scene, PLAIN, lambda done, total: calls.append((done, total)))
     assert calls[0][0] == 0
@@ -193,7 +193,7 @@ def test_progress_counts_up_to_the_end(scene):
     assert len({total for _, total in calls}) == 1
 
 
-def test_a_cancelled_rendering_does_not_begin(scene, photo, defocus):
+def test_a_cancelled_render_does_not_start(scene, photo, defocus):
     cancel = threading.Event()
     cancel.set()
     renderer = BokehRenderer("scatter")
@@ -207,7 +207,7 @@ def test_a_cancelled_rendering_does_not_begin(scene, photo, defocus):
 
 
 @pytest.mark.parametrize("engine", ["scatter", "fast"])
-def test_a_rendering_ends_when_it_is_cancelled_on_the_way(scene, engine, random_weights):
+def test_a_running_render_can_be_cancelled(scene, engine, random_weights):
     cancel, calls = threading.Event(), []
 
     def progress(done, total):
@@ -218,10 +218,10 @@ def test_a_rendering_ends_when_it_is_cancelled_on_the_way(scene, engine, random_
     with pytest.raises(RenderCancelled):
         renderer.render(scene, PLAIN, progress, cancel=cancel)
     assert len(calls) == 1
-    assert renderer.render(scene, PLAIN).bokeh.shape == scene.image.shape  # it is none the worse for it
+    assert renderer.render(scene, PLAIN).bokeh.shape == scene.image.shape  # the renderer remains usable
 
 
-def test_what_a_callback_raises_ends_the_rendering(scene):
+def test_an_exception_of_a_callback_ends_the_render(scene):
     def progress(done, total):
         raise ZeroDivisionError
 
@@ -233,32 +233,32 @@ def test_what_a_callback_raises_ends_the_rendering(scene):
 def test_a_renderer_can_be_pickled(scene, engine, random_weights):
     weights = random_weights if engine == "fast" else None
     renderer = BokehRenderer(engine, aperture=Aperture(blades=6), weights=weights)
-    wanted = renderer.render(scene, PLAIN).bokeh
+    expected = renderer.render(scene, PLAIN).bokeh
     copy = pickle.loads(pickle.dumps(renderer))
     assert (copy.engine, copy.aperture) == (renderer.engine, renderer.aperture)
-    assert_array_equal(copy.render(scene, PLAIN).bokeh, wanted)
+    assert_array_equal(copy.render(scene, PLAIN).bokeh, expected)
 
 
 def test_scenes_results_and_sources_can_be_pickled(folder, scene):
     settings = dataclasses.replace(PLAIN, input=InputSettings(disparity="disparity.png"))
     renderer = BokehRenderer("scatter")
-    for one in (scene, read_scene("photo.exr", settings)):
-        wanted = renderer.render(one, PLAIN)
-        assert_array_equal(renderer.render(pickle.loads(pickle.dumps(one)), PLAIN).bokeh, wanted.bokeh)
-        prepared = pickle.loads(pickle.dumps(renderer.prepare(one, PLAIN)))
-        assert_array_equal(renderer.render(prepared, PLAIN).bokeh, wanted.bokeh)
-        copy = pickle.loads(pickle.dumps(wanted))
-        assert_array_equal(copy.bokeh, wanted.bokeh)
-        assert copy.report == wanted.report
+    for source in (scene, read_scene("photo.exr", settings)):
+        expected = renderer.render(source, PLAIN)
+        assert_array_equal(renderer.render(pickle.loads(pickle.dumps(source)), PLAIN).bokeh, expected.bokeh)
+        prepared = pickle.loads(pickle.dumps(renderer.prepare(source, PLAIN)))
+        assert_array_equal(renderer.render(prepared, PLAIN).bokeh, expected.bokeh)
+        copy = pickle.loads(pickle.dumps(expected))
+        assert_array_equal(copy.bokeh, expected.bokeh)
+        assert copy.report == expected.report
     assert pickle.loads(pickle.dumps(ConstantDisparity(value=0.5))).value == 0.5
 
 
 @pytest.mark.parametrize("engine", ["scatter", "fast"])
 def test_eight_threads_share_one_renderer_and_give_the_same_bits(scene, engine, random_weights):
-    """Each thread has a look of its own, all of which are made inside the renderer."""
+    """Each thread renders another aperture."""
     weights = random_weights if engine == "fast" else None
     looks = [with_groups(aperture=ApertureSettings(blades=3 + number)) for number in range(8)]
-    alone = [BokehRenderer(engine, weights=weights).render(scene, look).bokeh for look in looks]
+    sequential = [BokehRenderer(engine, weights=weights).render(scene, look).bokeh for look in looks]
     renderer = BokehRenderer(engine, weights=weights)
     gate = threading.Barrier(8)
 
@@ -267,27 +267,27 @@ def test_eight_threads_share_one_renderer_and_give_the_same_bits(scene, engine, 
         return renderer.render(scene, look).bokeh
 
     with ThreadPoolExecutor(8) as pool:
-        for one, other in zip(alone, pool.map(work, looks), strict=True):
-            assert_array_equal(one, other)
+        for expected, bokeh in zip(sequential, pool.map(work, looks), strict=True):
+            assert_array_equal(expected, bokeh)
 
 
-def test_a_scene_is_left_as_it_was_unless_it_may_be_used_up(scene, photo, steps):
+def test_a_scene_does_not_change_without_overwrite(scene, photo, steps):
     settings = with_groups(
         engine=EngineSettings(max_memory=4 * 2**30), depth=DepthSettings(mixed="on", repair="on")
     )
     renderer = BokehRenderer("scatter")
     prepared = renderer.prepare(scene, settings)
-    before = prepared.defocus.copy()
+    original = prepared.defocus.copy()
     first = renderer.render(prepared, settings)
     assert_array_equal(prepared.image, photo)
-    assert_array_equal(prepared.defocus, before)
+    assert_array_equal(prepared.defocus, original)
     assert_array_equal(scene.depth.values, steps)
-    again = renderer.render(prepared, settings, overwrite=True)
-    assert_array_equal(again.bokeh, first.bokeh)
-    assert again.defocus is None
+    second = renderer.render(prepared, settings, overwrite=True)
+    assert_array_equal(second.bokeh, first.bokeh)
+    assert second.defocus is None
 
 
-def test_a_picture_is_saved(scene, tmp_path):
+def test_results_are_saved(scene, tmp_path):
     result = BokehRenderer("scatter").render(scene, PLAIN)
     result.save(tmp_path / "out.png")
     result.save(str(tmp_path / "out.exr"))
@@ -298,20 +298,20 @@ def test_a_picture_is_saved(scene, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"out.png", "out.exr"}
 
 
-def test_an_exr_is_saved_in_place_of_the_picture_it_came_from(folder, write_channels, photo):
+def test_an_exr_can_overwrite_its_input_and_keeps_other_channels(folder, write_channels, photo):
     colours = dict(zip("RGB", np.moveaxis(photo, 2, 0), strict=True))
     matte = np.random.default_rng(3).random(photo.shape[:2], dtype=np.float32)
     write_channels("layer.exr", **colours, matte=matte)
     settings = dataclasses.replace(PLAIN, input=InputSettings(disparity="disparity.png"))
     result = BokehRenderer("scatter").render(read_scene("layer.exr", settings), settings)
     result.save("layer.exr")
-    found = read_channels(folder / "layer.exr").channels
-    assert set(found) == {"R", "G", "B", "matte"}
-    assert_array_equal(found["matte"], matte)
-    assert_allclose(found["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
+    result = read_channels(folder / "layer.exr").channels
+    assert set(result) == {"R", "G", "B", "matte"}
+    assert_array_equal(result["matte"], matte)
+    assert_allclose(result["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
 
 
-def test_the_settings_beside_the_maps_make_the_same_picture_again(folder, random_weights):
+def test_saved_settings_reproduce_the_picture(folder, random_weights):
     settings = dataclasses.replace(
         PLAIN,
         input=InputSettings(disparity="disparity.png"),
@@ -325,15 +325,15 @@ def test_the_settings_beside_the_maps_make_the_same_picture_again(folder, random
     result.save_maps("maps", settings)
     names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "neural.png", "settings.toml"}
     assert {path.name for path in (folder / "maps").iterdir()} == names
-    again = load_settings("maps/settings.toml")
-    assert again == settings
-    assert_array_equal(BokehRenderer().render(read_scene("photo.exr", again), again).bokeh, result.bokeh)
+    loaded = load_settings("maps/settings.toml")
+    assert loaded == settings
+    assert_array_equal(BokehRenderer().render(read_scene("photo.exr", loaded), loaded).bokeh, result.bokeh)
     assert_array_equal(read_map("maps/defocus.exr"), result.defocus)
     grey = 0.5 + 0.5 * result.defocus / result.report.largest_blur
     assert_allclose(read_map("maps/defocus.png"), grey, atol=0.5 / 255 + 1e-6)
 
 
-def test_maps_without_settings_have_no_file_of_them(scene, tmp_path):
+def test_maps_without_settings_have_no_settings_file(scene, tmp_path):
     result = BokehRenderer("scatter").render(scene, PLAIN)
     result.save_maps(tmp_path / "deep" / "maps")
     assert not (tmp_path / "deep" / "maps" / "settings.toml").exists()
@@ -342,8 +342,8 @@ def test_maps_without_settings_have_no_file_of_them(scene, tmp_path):
         result.save_maps(tmp_path / "file")
 
 
-def test_a_window_moves_what_is_centred(photo, steps):
-    """Oracle: the same pixels cut out of a larger picture."""
+def test_effects_are_centred_on_the_display_window(photo, steps):
+    """Oracle: a crop of the whole picture."""
     settings = with_groups(effects=EffectSettings(vignette=2))
     whole = BokehRenderer("scatter").render(
         make_scene(photo, RelativeDisparity(map=steps, as_stored=True)),
@@ -354,12 +354,12 @@ def test_a_window_moves_what_is_centred(photo, steps):
         photo[8:28, 16:48], RelativeDisparity(map=steps[8:28, 16:48], as_stored=True), window=window
     )
     sharp = dataclasses.replace(settings, camera=CameraSettings(blur=0))
-    found = BokehRenderer("scatter").render(part, sharp)
-    assert_allclose(found.bokeh, whole.bokeh[8:28, 16:48], atol=1e-6)
+    result = BokehRenderer("scatter").render(part, sharp)
+    assert_allclose(result.bokeh, whole.bokeh[8:28, 16:48], atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("settings", "parameter", "words"),
+    ("settings", "parameter", "message"),
     [
         ({"camera": CameraSettings()}, "camera.blur", "needs `camera.blur`"),
         ({"focus": FocusSettings()}, "focus.value", "one of `focus.value`"),
@@ -369,31 +369,33 @@ def test_a_window_moves_what_is_centred(photo, steps):
         ({"highlights": HighlightSettings(gamma=2), "engine": EngineSettings(name="fast")}, "", ""),
     ],
 )
-def test_what_does_not_fit_is_refused_by_its_field(scene, settings, parameter, words, random_weights):
+def test_unsuitable_settings_raise_errors_with_their_field(
+    scene, settings, parameter, message, random_weights
+):
     renderer = BokehRenderer("scatter", weights=random_weights)
     if not parameter:
-        parameter, words = "highlights.gamma", "expected 1, as in the training of the networks of fast"
-    with pytest.raises(ParameterError, match=words) as caught:
+        parameter, message = "highlights.gamma", "expected 1, as in the training of the networks of fast"
+    with pytest.raises(ParameterError, match=message) as caught:
         renderer.render(scene, with_groups(**settings))
     assert caught.value.parameter == parameter
 
 
-def test_a_prepared_scene_is_no_way_round_the_checks(scene):
+def test_prepared_scenes_are_checked_too(scene):
     renderer = BokehRenderer("scatter")
     prepared = renderer.prepare(scene, PLAIN)
     with pytest.raises(ParameterError, match="rays or hybrid"):
         renderer.render(prepared, with_groups(lens=LensSettings(coma=5)))
 
 
-@pytest.mark.parametrize("wrong", ["settings", 5, {}, CameraSettings()])
-def test_settings_are_nothing_else(scene, wrong):
+@pytest.mark.parametrize("value", ["settings", 5, {}, CameraSettings()])
+def test_other_types_of_settings_raise_errors(scene, value):
     for call in (BokehRenderer("scatter").render, BokehRenderer("scatter").prepare):
         with pytest.raises(ParameterError, match="settings: expected RenderSettings"):
-            call(scene, wrong)
+            call(scene, value)
 
 
 @pytest.mark.parametrize(
-    ("change", "kind", "words"),
+    ("change", "kind", "message"),
     [
         ({"image": np.zeros((4, 4))}, ShapeError, "image: expected shape"),
         ({"image": np.full((40, 64, 3), np.nan)}, ParameterError, "image: expected finite values"),
@@ -402,22 +404,22 @@ def test_settings_are_nothing_else(scene, wrong):
         ({"alpha": np.full((40, 64), np.inf)}, ParameterError, "alpha: expected finite values"),
     ],
 )
-def test_arrays_that_make_no_scene_are_refused(photo, steps, change, kind, words):
-    given = {"image": photo, "alpha": None} | change
-    with pytest.raises(kind, match=words):
-        make_scene(given["image"], RelativeDisparity(map=steps), alpha=given["alpha"])
+def test_invalid_arrays_raise_errors(photo, steps, change, kind, message):
+    arguments = {"image": photo, "alpha": None} | change
+    with pytest.raises(kind, match=message):
+        make_scene(arguments["image"], RelativeDisparity(map=steps), alpha=arguments["alpha"])
 
 
-def test_a_map_of_another_size_is_brought_to_the_picture_only_when_asked(photo, steps):
+def test_a_map_of_another_size_is_resized_only_on_request(photo, steps):
     scene = make_scene(photo, RelativeDisparity(map=steps[::2, ::2], as_stored=True))
     renderer = BokehRenderer("scatter")
     with pytest.raises(ShapeError, match=r"64x40 pixels but its disparity is 32x20.*`depth.resize`"):
         renderer.render(scene, PLAIN)
-    found = renderer.render(scene, with_groups(depth=DepthSettings(repair="off", resize=True)))
-    assert_allclose(found.defocus, 9 * (steps - np.float32(0.4)), atol=1e-5)
+    result = renderer.render(scene, with_groups(depth=DepthSettings(repair="off", resize=True)))
+    assert_allclose(result.defocus, 9 * (steps - np.float32(0.4)), atol=1e-5)
 
 
-def test_an_unknown_engine_is_refused():
+def test_an_unknown_engine_raises_an_error():
     with pytest.raises(
         ParameterError, match=r"engine: expected one of fast, hybrid, neural, rays, scatter, got 'magic'"
     ):
