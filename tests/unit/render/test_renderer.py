@@ -305,10 +305,10 @@ def test_an_exr_can_overwrite_its_input_and_keeps_other_channels(folder, write_c
     settings = dataclasses.replace(PLAIN, input=InputSettings(disparity="disparity.png"))
     result = BokehRenderer("scatter").render(read_scene("layer.exr", settings), settings)
     result.save("layer.exr")
-    result = read_channels(folder / "layer.exr").channels
-    assert set(result) == {"R", "G", "B", "matte"}
-    assert_array_equal(result["matte"], matte)
-    assert_allclose(result["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
+    channels = read_channels(folder / "layer.exr").channels
+    assert set(channels) == {"R", "G", "B", "matte"}
+    assert_array_equal(channels["matte"], matte)
+    assert_allclose(channels["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
 
 
 def test_saved_settings_reproduce_the_picture(folder, random_weights):
