@@ -36,7 +36,7 @@ from bokehnet.inference.depth_models import depth_model_names, find_depth_model
 ROOT = Path(__file__).resolve().parents[1]
 
 # Files of the repository that a release excludes: automation and git configuration.
-NOT_RELEASED = (".ci/", ".gitignore")
+NOT_RELEASED = (".ci/", ".github/", ".gitignore", ".pre-commit-config.yaml")
 
 # Files of a wheel that are not in the repository: output of hatch_build.py.
 MACHINE_CODE = {f"bokehnet/precompiled/machine_code/kernels.{kind}" for kind in ("bin", "json")}

@@ -41,7 +41,7 @@ def test_maps_with_an_edge_bias_are_not_translated(pixels):
     assert oracle.calls <= (13 + 8 if pixels == 0 else 100)
 
 
-@pytest.mark.parametrize(("back", "wanted"), [(8, (-1, 0)), (10, (0, 0))])
+@pytest.mark.parametrize(("back", "expected"), [(8, (-1, 0)), (10, (0, 0))])
 def test_both_sides_of_edges_must_agree(back, expected):
     """One pixel up, fewer far sides vote for a change, but the near sides decide."""
     disparity = np.zeros((64, 96), np.float32)

@@ -1,4 +1,4 @@
-"""The correction without levels: the same as the whole way without an IUNet."""
+"""Correction at one coarse size: equal to the cascade of training without an IUNet."""
 
 import math
 from dataclasses import replace
@@ -37,8 +37,8 @@ def networks(arnet, max_valid_radius: float = math.inf) -> Networks:
 
 
 @pytest.mark.parametrize(("height", "width", "radius"), [(40, 56, 6), (61, 83, 17), (130, 97, 33)])
-def test_it_equals_the_way_of_training_without_an_iunet(height, width, radius):
-    """Oracle: the body that training uses, at halvings 0, 1 and 2 and odd sizes."""
+def test_the_correction_equals_that_of_training_without_an_iunet(height, width, radius):
+    """Oracle: the function that training uses, at 0, 1 and 2 halvings and odd sizes."""
     image, defocus = picture(height, width, radius)
     renderer = Engine("hybrid")
     renderer._networks = replace(renderer._networks, max_valid_radius=math.inf)
@@ -48,26 +48,26 @@ def test_it_equals_the_way_of_training_without_an_iunet(height, width, radius):
         x.transpose(2, 0, 1)[None]
         for x in (image, defocus[..., None], classical.bokeh, classical.error_map[..., None])
     ]
-    used = renderer._networks
-    wanted = render_neural(
+    networks_in_use = renderer._networks
+    expected = render_neural(
         *batches,
         features=classical.features.transpose(2, 0, 1)[None],
-        arnet=used.arnet,
-        network_max_radius=used.network_max_radius,
+        arnet=networks_in_use.arnet,
+        network_max_radius=networks_in_use.network_max_radius,
     )
     in_reach = classical.error_map > 0
     assert in_reach.mean() > 0.1
-    assert_allclose(result.error_map, wanted.error_map[0, 0], atol=2e-5)
-    neural = wanted.picture[0].transpose(1, 2, 0)
+    assert_allclose(result.error_map, expected.error_map[0, 0], atol=2e-5)
+    neural = expected.picture[0].transpose(1, 2, 0)
     assert_allclose(result.neural[in_reach], neural[in_reach], atol=2e-4)
     assert_array_equal(result.bokeh[~in_reach], classical.bokeh[~in_reach])
 
 
-def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
-    """One everywhere up to half the valid radius, then less and less."""
+def test_the_error_map_is_zero_beyond_the_valid_radius():
+    """The error map is 1 up to half the valid radius and then decreases to 0."""
     radius = np.tile(np.linspace(0, 60, 64, dtype=np.float32), (64, 1))
     picture = np.ones((64, 64, 3), np.float32)
-    small = CoarseInput(64, 64, 10.0, 10.0)  # no halving, so that pixels stay what they are
+    small = CoarseInput(64, 64, 10.0, 10.0)  # no halving, so that pixels keep their values
     small.add(0, picture, radius, ClassicalResult(bokeh=picture, error_map=np.ones_like(radius)))
     correction = small.correct(networks(lambda image, *_: (image, np.ones_like(image[:, :1])), 40.0))
     error_map = correction.apply(picture, np.ones_like(radius), radius).error_map
@@ -79,7 +79,7 @@ def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
 
 
 @pytest.mark.parametrize(
-    ("radius", "beside", "doubt", "share", "mended"),
+    ("radius", "coarse_radius", "error", "coarse_weight", "suppressed"),
     [
         (3, 3, 0.5, 1, 0.5),
         (0, 3, 0.5, 1, 0.5),
@@ -91,19 +91,21 @@ def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
         (9, 9, 0, 0, 0),
     ],
 )
-def test_before_focus_less_is_left_of_a_scatter_that_is_doubted(radius, beside, doubt, share, mended):
-    """Authority: by hand. Three coarse pixels of blur end the detail, nine make a doubt its root."""
+def test_uncertain_scatter_in_front_of_focus_is_replaced(
+    radius, coarse_radius, error, coarse_weight, suppressed
+):
+    """Authority: by hand; three coarse pixels of blur remove the detail, nine take the square root."""
     fine, coarse = np.full((1, 1, 4, 4), 0.9, np.float32), np.full((1, 1, 4, 4), 0.3, np.float32)
-    maps = [np.full_like(fine, x) for x in (radius, beside, doubt)]
+    maps = [np.full_like(fine, x) for x in (radius, coarse_radius, error)]
     light, error_map = suppress_foreground_outlines(fine, maps[0], coarse, maps[1], maps[2])
-    assert_allclose(light, share * coarse + (1 - share) * fine, rtol=1e-6)
-    assert_allclose(error_map, np.full_like(fine, mended), rtol=1e-6)
-    if share == 0:
+    assert_allclose(light, coarse_weight * coarse + (1 - coarse_weight) * fine, rtol=1e-6)
+    assert_allclose(error_map, np.full_like(fine, suppressed), rtol=1e-6)
+    if coarse_weight == 0:
         assert_array_equal(light, fine)
 
 
-def test_a_leaf_far_before_focus_has_no_outline_in_the_engine_fast():
-    """Authority: rays. Judged by how much light changes from one pixel to the next where the outline was."""
+def test_a_leaf_far_in_front_of_focus_has_no_outline_in_the_engine_fast():
+    """Authority: rays. The criterion is the largest difference of adjacent pixels at the outline."""
     y, x = np.mgrid[:160, :160].astype(np.float32)
     leaf = np.hypot(y - 80, (x - 80) / 2) < 22
     image = np.where(leaf[..., None], [0.1, 0.5, 0.05], [0.9, 0.8, 0.7]).astype(np.float32)
@@ -118,19 +120,19 @@ def test_a_leaf_far_before_focus_has_no_outline_in_the_engine_fast():
     assert sharpness("rays") < 0.06
 
 
-def test_without_a_change_the_classical_render_stays():
+def test_a_change_of_zero_returns_the_classical_render():
     classical = np.random.default_rng(1).random((1, 3, 12, 16), dtype=np.float32)
     assert_allclose(apply_change(classical, np.zeros_like(classical)), classical, atol=1e-6)
 
 
-def test_rows_in_parts_give_the_same_small_copy():
-    """What ARNet sees does not depend on how the rows came in."""
+def test_rows_in_parts_give_the_same_coarse_input():
+    """The input of ARNet does not depend on the cuts of the rows."""
     image, defocus = picture(300, 70, 25)
     classical = render_rays(image, defocus)
-    seen = []
+    inputs = []
 
     def arnet(*arrays):
-        seen.append(arrays)
+        inputs.append(arrays)
         return arrays[2], np.zeros_like(arrays[1])
 
     for cuts in ([0, 300], [0, 128, 256, 300]):
@@ -139,5 +141,5 @@ def test_rows_in_parts_give_the_same_small_copy():
             rows = slice(first, last)
             small.add(first, image[rows], defocus[rows], classical.rows(rows))
         small.correct(networks(arnet))
-    for whole, parts in zip(*seen, strict=True):
+    for whole, parts in zip(*inputs, strict=True):
         assert_array_equal(whole, parts)

@@ -1,4 +1,4 @@
-"""The networks that ship with the package do what they are for."""
+"""Quality of the networks that ship with the package."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from bokehnet.synth.pairs import make_sample
 from tests.conftest import ROOT
 from train.metrics import compare, mean_scores
 
-# Least gain over the classical render that each engine's networks correct, dB.
+# Minimum gain of each engine over its classical render, dB.
 GAIN = {"hybrid": 0.1, "fast": 1.0, "neural": 1.0}
 
 HELD_OUT = {"seed": 77, "width": 160, "height": 160, "views": 2, "defocus": [4.0, 14.0]}
@@ -24,7 +24,7 @@ HELD_OUT = {"seed": 77, "width": 160, "height": 160, "views": 2, "defocus": [4.0
 
 @pytest.fixture(scope="module")
 def samples():
-    """Three scenes that nobody trained on."""
+    """Return three held-out scenes."""
     overrides = {**HELD_OUT, "bokeh_samples": 64}
     config = load_config(ROOT / "configs/synth_planes_val.toml", SynthConfig, overrides)
     return [make_sample(config, index) for index in range(3)]
@@ -32,7 +32,7 @@ def samples():
 
 @pytest.fixture(scope="module", params=["hybrid", "fast", "neural"])
 def renders(request, samples):
-    """Engine, and (true defocus, truth, result) of each of their views."""
+    """Return the engine and (true defocus, truth, result) of each view."""
     renderer = BokehRenderer(request.param)
     rows = []
     for sample in samples:
@@ -45,8 +45,8 @@ def renders(request, samples):
     return request.param, rows
 
 
-def test_networks_come_closer_to_the_truth_near_edges(renders):
-    """Authority: ray-traced truth of held-out scenes, PSNR over pixels within the blur's reach of an edge."""
+def test_networks_improve_pixels_near_edges(renders):
+    """Authority: ray-traced truth of held-out scenes; PSNR of pixels whose blur reaches an edge."""
     engine, rows = renders
     neural, classical = (
         mean_scores([compare(getattr(r, name), truth, defocus) for defocus, truth, r in rows])
@@ -56,8 +56,8 @@ def test_networks_come_closer_to_the_truth_near_edges(renders):
     assert neural["psnr"] > classical["psnr"]
 
 
-def test_away_from_edges_they_change_nothing_bit_for_bit(renders):
-    """Neither a colour shift nor a texture lost beyond the reach of any depth discontinuity."""
+def test_networks_change_no_bit_away_from_edges(renders):
+    """Networks change neither colour nor texture beyond the reach of depth discontinuities."""
     for defocus, _, result in renders[1]:
         far = geometric_error_map(defocus) == 0
         np.testing.assert_array_equal(result.bokeh[far], result.classical[far])
@@ -75,28 +75,28 @@ def test_the_package_stays_small():
 
 
 @pytest.mark.parametrize(
-    ("kind", "least"), [("clean", 0.0), ("blurred", 1.0), ("eroded", 4.0), ("dilated", 1.0)]
+    ("kind", "min_gain"), [("clean", 0.0), ("blurred", 1.0), ("eroded", 4.0), ("dilated", 1.0)]
 )
-def test_the_repair_pays_on_spoilt_maps_and_leaves_true_ones_alone(shared, kind, least):
-    """Authority: a path-traced shot; gain of the rays near edges through "auto", dB."""
+def test_the_repair_improves_degraded_maps_and_does_not_change_accurate_ones(shared, kind, min_gain):
+    """Authority: a path-traced shot; gain of the rays near edges with "auto", dB."""
     from train.degradation import degrade
     from train.evaluation_sets import list_pictures
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[4].read()
-    given = degrade(shot.defocus, kind)
-    repaired = DisparityRepair()(shot.image, given, "auto")
+    degraded = degrade(shot.defocus, kind)
+    repaired = DisparityRepair()(shot.image, degraded, "auto")
     before, after = (
         compare(rays(shot.image, d, aperture=shot.aperture), shot.truth, shot.defocus)["edge_psnr"]
-        for d in (given, repaired)
+        for d in (degraded, repaired)
     )
-    assert after - before >= least
+    assert after - before >= min_gain
     if kind == "clean":
-        np.testing.assert_array_equal(repaired, given)
+        np.testing.assert_array_equal(repaired, degraded)
 
 
 def test_engines_on_an_independent_renderer(shared):
-    """Authority: path-traced shots that nothing was trained on; means over all shots of a scene."""
+    """Authority: held-out path-traced shots; means over all shots of a scene."""
     from benchmarks.cycles import read_shots, whole_engine
     from benchmarks.quality import score
 
@@ -111,15 +111,17 @@ def test_engines_on_an_independent_renderer(shared):
     assert min(row["rays"]["psnr"] - row["scatter"]["psnr"] for row in rows) > -0.2
 
 
-def test_networks_give_the_same_bits_where_the_process_keeps_their_memory(monkeypatch):
+def test_networks_give_the_same_bits_if_the_process_keeps_freed_memory(monkeypatch):
     rng = np.random.default_rng(5)
     image, disparity = rng.random((1, 3, 64, 96), np.float32), rng.random((1, 1, 64, 96), np.float32)
-    found = []
+    outputs = []
     for keeps in (False, True):
         monkeypatch.setattr(memory, "_keeps", keeps)
         network = load_network(WEIGHTS / "repair", "repair", ("image", "disparity", "span"))
         options = network._session._options
         assert options["enable_cpu_mem_arena"] is not keeps
-        # ONNX Runtime refuses to give back what it does not hold.
-        found += network(image, disparity, np.ones((1, 1, 1, 1), np.float32), release=True)
-    assert all(np.array_equal(pooled, kept) for pooled, kept in zip(found[:2], found[2:], strict=True))
+        # ONNX Runtime raises if there is no memory to release.
+        outputs += network(image, disparity, np.ones((1, 1, 1, 1), np.float32), release=True)
+    assert all(
+        np.array_equal(pooled, retained) for pooled, retained in zip(outputs[:2], outputs[2:], strict=True)
+    )

@@ -1,4 +1,4 @@
-"""Supersampled scenes, mattes and deep samples, from files and arrays to the picture.
+"""Supersampled scenes, mattes and deep samples from files and arrays.
 
 Authority: a slanted edge between two planes of one colour each, whose blur is known in closed form.
 """
@@ -36,40 +36,40 @@ HEIGHT, WIDTH = 48, 64
 FRONT, BACK = np.float32([0.9, 0.2, 0.1]), np.float32([0.1, 0.3, 0.8])
 
 
-def share_of_front(factor):
-    """Which samples of a picture at ``factor`` times the size show the front plane, (factor H, factor W)."""
+def front_samples(factor):
+    """Return the samples on the front plane at ``factor`` times the size, (factor H, factor W), bool."""
     y, x = (np.mgrid[: factor * HEIGHT, : factor * WIDTH] + 0.5) / factor
     return x + 0.3 * y < 38.3
 
 
 def planes(factor):
-    front = share_of_front(factor)
+    front = front_samples(factor)
     return np.where(front[..., None], FRONT, BACK), front
 
 
 def filtered(factor=8):
-    """The picture through the pixel filter, and the map at pixel centres: what a renderer gives."""
-    return downsample(planes(factor)[0], factor), share_of_front(1)
+    """Return the pixel-filtered picture and the map at pixel centres, as a renderer writes them."""
+    return downsample(planes(factor)[0], factor), front_samples(1)
 
 
 def blurred(near, far, factor=8):
-    """The truth: a disc of ``near`` pixels over the exact front, over a wall of one colour, filtered."""
-    front = share_of_front(factor).astype(np.float64)
+    """Return the truth: the exact front, blurred by a disc of ``near`` pixels, over a uniform wall."""
+    front = front_samples(factor).astype(np.float64)
     reach = int(abs(near) * factor) + factor
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (x * x + y * y <= max(abs(near) * factor, 0.5) ** 2).astype(np.float64)
-    around = np.pad(front, reach, "edge")
-    size = [n + len(disc) - 1 for n in around.shape]
-    spread = np.fft.irfft2(np.fft.rfft2(around, size) * np.fft.rfft2(disc / disc.sum(), size), size)
-    share = spread[2 * reach :, 2 * reach :][: front.shape[0], : front.shape[1]]
-    coverage = downsample(share.astype(np.float32), factor)[..., None]
+    padded = np.pad(front, reach, "edge")
+    size = [n + len(disc) - 1 for n in padded.shape]
+    spread = np.fft.irfft2(np.fft.rfft2(padded, size) * np.fft.rfft2(disc / disc.sum(), size), size)
+    blurred_front = spread[2 * reach :, 2 * reach :][: front.shape[0], : front.shape[1]]
+    coverage = downsample(blurred_front.astype(np.float32), factor)[..., None]
     return coverage * FRONT + (1 - coverage) * BACK
 
 
-def inner_error(found, truth):
-    """Root of the mean square away from the border, where pictures are taken to go on."""
+def inner_error(result, truth):
+    """Return the root mean square error away from the border, where renderers extrapolate."""
     inside = np.s_[14:-14, 14:-14]
-    return float(np.sqrt(np.mean((found[inside] - truth[inside]) ** 2)))
+    return float(np.sqrt(np.mean((result[inside] - truth[inside]) ** 2)))
 
 
 def rendered(scene, **groups):
@@ -89,18 +89,18 @@ def test_a_supersampled_edge_is_nearer_to_the_truth(factor, near, far):
     assert error < inner_error(rendered(plain), truth) + 0.005 * (factor == 2 and near == 0) + 0.0005
 
 
-def test_a_filter_that_is_told_makes_the_pixels_of_the_result():
-    """In focus all is the fine picture through that filter."""
+def test_the_pixel_filter_of_the_settings_is_used():
+    """In focus, the result is the fine picture through this filter."""
     rng = np.random.default_rng(0)
     image = rng.random((2 * HEIGHT, 2 * WIDTH, 3), dtype=np.float32)
     scene = make_scene(image, DefocusMap(map=np.zeros((2 * HEIGHT, 2 * WIDTH))), supersampled=2)
-    told = DepthSettings(pixel_filter="gaussian:2.6")
-    found = BokehRenderer("rays").render(scene, RenderSettings(depth=told)).bokeh
-    np.testing.assert_allclose(found, downsample(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
+    options = DepthSettings(pixel_filter="gaussian:2.6")
+    result = BokehRenderer("rays").render(scene, RenderSettings(depth=options)).bokeh
+    np.testing.assert_allclose(result, downsample(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
 
 
-def test_blur_and_focus_are_told_in_pixels_of_the_result():
-    """A map, its focus and its blur mean the same at all sizes."""
+def test_blur_and_focus_are_in_pixels_of_the_result():
+    """Map, focus and blur have the same meaning at all sizes."""
     off = DepthSettings(repair="off")
     settings = RenderSettings(camera=CameraSettings(blur=10), focus=FocusSettings(at=(5, 5)), depth=off)
     for factor in (1, 2, 4):
@@ -116,7 +116,7 @@ def test_blur_and_focus_are_told_in_pixels_of_the_result():
         np.testing.assert_allclose(result.defocus[24, [5, 60]], (0, -5), atol=1e-5)
 
 
-def test_distances_and_alpha_come_down_too():
+def test_distances_and_alpha_are_downsampled():
     image, front = planes(4)
     metres = np.where(front, 2.0, np.inf)
     camera = CameraSettings(focal_length=50, f_number=4, sensor_width=36)
@@ -125,20 +125,20 @@ def test_distances_and_alpha_come_down_too():
     settings = RenderSettings(camera=camera, focus=FocusSettings(distance=2))
     result = BokehRenderer("rays").render(scene, settings)
     assert result.alpha.shape == (HEIGHT, WIDTH)
-    coverage = downsample(share_of_front(8).astype(np.float32), 8)
+    coverage = downsample(front_samples(8).astype(np.float32), 8)
     assert inner_error(result.alpha, coverage) < 0.02
-    # Premultiplied light over alpha is the colour of the front, as it was.
+    # Premultiplied light divided by alpha is the colour of the front.
     shown = result.alpha > 0.05
     np.testing.assert_allclose((result.bokeh[shown] / result.alpha[shown][:, None]).mean(0), FRONT, atol=0.02)
 
 
 def exact_coverage():
-    return downsample(share_of_front(8).astype(np.float32), 8)
+    return downsample(front_samples(8).astype(np.float32), 8)
 
 
 @pytest.mark.parametrize("shift", [0, -2])
-def test_a_matte_puts_the_edge_where_it_is(shift):
-    """The map's edge lies ``shift`` pixels off, the front too small; the matte is exact."""
+def test_a_matte_corrects_the_position_of_an_edge(shift):
+    """The edge of the map is ``shift`` pixels off, the front too small; the matte is exact."""
     small, centres = filtered()
     matte = exact_coverage()
     source = DefocusMap(map=np.roll(np.where(centres, 6.0, 0.0), shift, 1))
@@ -148,13 +148,13 @@ def test_a_matte_puts_the_edge_where_it_is(shift):
     assert with_matte < (0.01 if shift == 0 else 0.3 * without)
 
 
-def test_a_matte_that_is_nowhere_all_front_is_of_no_edge():
-    """Nothing tells what the front is then; seen as an error where the map was above 0."""
+def test_a_matte_without_full_coverage_defines_no_edge():
+    """The front is then unknown; regression for maps above 0."""
     soft = np.tile(np.linspace(0, 0.9, WIDTH, dtype=np.float32), (HEIGHT, 1))
     assert len(matte_surfaces(soft, np.full((HEIGHT, WIDTH), 0.5, np.float32)).rows) == 0
 
 
-def test_a_matte_of_nothing_and_of_everything_changes_nothing():
+def test_empty_and_full_mattes_change_nothing():
     small, centres = filtered()
     source = DefocusMap(map=np.where(centres, 6.0, 0.0))
     plain = rendered(make_scene(small, source))
@@ -171,7 +171,7 @@ def test_a_matte_whose_front_is_farther_changes_nothing():
 
 
 def deep_file(path):
-    """Both planes, the edge's pixels with a sample of each: 2 m and 5 m."""
+    """Write both planes at 2 m and 5 m; edge pixels have a sample of each."""
     coverage = exact_coverage()
     pixels = []
     for y in range(HEIGHT):
@@ -193,17 +193,17 @@ def deep_file(path):
 CAMERA = CameraSettings(focal_length=50, f_number=0.2, sensor_width=36)
 
 
-def test_deep_samples_are_the_surfaces(tmp_path):
+def test_deep_samples_define_the_surfaces(tmp_path):
     path = deep_file(tmp_path / "deep.exr")
     settings = RenderSettings(input=InputSettings(depth=path), camera=CAMERA, focus=FocusSettings(distance=5))
     scene = read_scene(path, settings)
     coverage = exact_coverage()
-    place = scene.known.rows, scene.known.columns
-    np.testing.assert_allclose(scene.known.coverage, coverage[place], atol=2e-3)
+    position = scene.known.rows, scene.known.columns
+    np.testing.assert_allclose(scene.known.coverage, coverage[position], atol=2e-3)
     np.testing.assert_allclose(scene.known.near, 1 / 2000, rtol=1e-5)
     np.testing.assert_allclose(scene.known.far, 1 / 5000, rtol=1e-5)
-    np.testing.assert_allclose(scene.known.front, np.tile(FRONT, (len(place[0]), 1)), atol=0.01)
-    np.testing.assert_allclose(scene.known.back, np.tile(BACK, (len(place[0]), 1)), atol=0.01)
+    np.testing.assert_allclose(scene.known.front, np.tile(FRONT, (len(position[0]), 1)), atol=0.01)
+    np.testing.assert_allclose(scene.known.back, np.tile(BACK, (len(position[0]), 1)), atol=0.01)
     result = BokehRenderer("rays").render(scene, settings)
     radius = result.report.largest_blur
     assert radius > 3
@@ -213,7 +213,7 @@ def test_deep_samples_are_the_surfaces(tmp_path):
         BokehRenderer("rays").render(scene, settings.updated({"depth": {"repair": "on"}}))
 
 
-def test_where_deep_samples_leave_a_pixel_open_nothing_stands_behind(tmp_path):
+def test_partially_covered_deep_pixels_have_no_background(tmp_path):
     half = {"R": 0.4, "G": 0.2, "B": 0.1, "A": 0.5, "Z": 2.0, "ZBack": 2.0}
     path = write_deep(tmp_path / "open.exr", [[[half], []], [[half], [half]]])
     known = read_scene(path, source=MetricDepth(map=path)).known
@@ -244,13 +244,13 @@ def test_maps_of_the_surfaces_are_saved(tmp_path):
 @pytest.fixture
 def files(tmp_path):
     write_image(tmp_path / "photo.exr", filtered()[0])
-    write_map(tmp_path / "z.exr", np.where(share_of_front(1), 2.0, 5.0).astype(np.float32), channel="Z")
+    write_map(tmp_path / "z.exr", np.where(front_samples(1), 2.0, 5.0).astype(np.float32), channel="Z")
     return tmp_path
 
 
-def read(folder: Path, **given):
-    told = InputSettings(depth=folder / "z.exr", **given)
-    return read_scene(folder / "photo.exr", RenderSettings(input=told, camera=CAMERA))
+def read(folder: Path, **inputs):
+    options = InputSettings(depth=folder / "z.exr", **inputs)
+    return read_scene(folder / "photo.exr", RenderSettings(input=options, camera=CAMERA))
 
 
 def test_a_matte_is_read_from_alpha_or_grey(files):
@@ -280,7 +280,7 @@ def test_a_matte_is_read_from_alpha_or_grey(files):
         (np.ones((HEIGHT, 10)), ShapeError, "the picture is 64x48 pixels but its matte is 10x48"),
     ],
 )
-def test_bad_mattes_are_refused(files, matte, error, message):
+def test_invalid_mattes_raise_errors(files, matte, error, message):
     write_exr(files / "matte.exr", {"channels": {"Y": ("float", matte)}})
     with pytest.raises(error, match=message):
         read(files, matte=files / "matte.exr")
@@ -289,7 +289,7 @@ def test_bad_mattes_are_refused(files, matte, error, message):
         make_scene(image, source, matte=matte)
 
 
-def test_what_does_not_go_with_supersampling_is_refused(files):
+def test_inputs_that_conflict_with_supersampling_raise_errors(files):
     with pytest.raises(ParameterError, match=r"input.supersampled: expected 1, 2 or 4, got 3"):
         InputSettings(supersampled=3)
     with pytest.raises(ParameterError, match=r"input.matte: expected no `input.supersampled`"):
@@ -309,60 +309,60 @@ def test_what_does_not_go_with_supersampling_is_refused(files):
         BokehRenderer("rays").render(small, RenderSettings())
 
 
-def test_a_supersampled_file_gives_a_small_one(files):
-    told = InputSettings(depth=files / "z.exr", supersampled=4)
-    settings = RenderSettings(input=told, camera=CAMERA, focus=FocusSettings(distance=2))
+def test_a_supersampled_file_renders_to_the_final_size(files):
+    options = InputSettings(depth=files / "z.exr", supersampled=4)
+    settings = RenderSettings(input=options, camera=CAMERA, focus=FocusSettings(distance=2))
     result = BokehRenderer("rays").render(read_scene(files / "photo.exr", settings), settings)
     result.save(files / "out.exr")
     assert read_image(files / "out.exr").shape == (HEIGHT // 4, WIDTH // 4, 3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "shot", "least"), [("s2_thin_fence", 0, 39.0), ("s8_crowd", 0, 40.0)])
-def test_path_traced_scenes_gain(shared, scene, shot, least):
-    """Edge PSNR, dB; without, the first is 36.9 and the second 39.7; all fine pixels give 40.4 and 41.0."""
+@pytest.mark.parametrize(("scene", "shot", "min_psnr"), [("s2_thin_fence", 0, 39.0), ("s8_crowd", 0, 40.0)])
+def test_path_traced_scenes_improve(shared, scene, shot, min_psnr):
+    """Bounds of edge PSNR, dB; 36.9 and 39.7 without supersampling, 40.4 and 41.0 with all fine pixels."""
     folder = shared(f"cycles/{scene}/image_4x.exr").parent
     known = list(path_traced_shots(folder))[shot]
-    told = loads((folder / "scene.json").read_text())
+    options = loads((folder / "scene.json").read_text())
     camera = CameraSettings(
-        focal_length=told["focal_length_mm"],
-        sensor_width=told["sensor_width_mm"],
-        f_number=told["shots"][shot]["f_number"],
+        focal_length=options["focal_length_mm"],
+        sensor_width=options["sensor_width_mm"],
+        f_number=options["shots"][shot]["f_number"],
     )
     settings = RenderSettings(
         input=InputSettings(depth=folder / "depth_4x.exr", supersampled=4),
         camera=camera,
-        focus=FocusSettings(distance=told["shots"][shot]["focus_distance_m"]),
+        focus=FocusSettings(distance=options["shots"][shot]["focus_distance_m"]),
     )
     renderer = BokehRenderer("rays", aperture=known.aperture)
-    found = renderer.render(read_scene(folder / "image_4x.exr", settings), settings).bokeh
-    assert compare(found, known.truth, known.defocus)["edge_psnr"] > least
+    result = renderer.render(read_scene(folder / "image_4x.exr", settings), settings).bokeh
+    assert compare(result, known.truth, known.defocus)["edge_psnr"] > min_psnr
 
 
-def test_a_matte_leaves_alone_what_the_map_tells_as_well():
-    """Two surfaces behind one front keep their depths, and pixels all front or all back keep theirs."""
+def test_a_matte_keeps_edges_that_agree_with_the_map():
+    """Two surfaces behind one front keep their depths, as do fully covered and uncovered pixels."""
     disparity = np.full((20, 24), 0.9, np.float32)
     disparity[:10, 12:], disparity[10:, 12:] = 0.1, 0.5
     matte = np.zeros((20, 24), np.float32)
     matte[:, :12], matte[:, 12] = 1, 0.3
-    found = matte_surfaces(matte, disparity)
-    assert found.columns.tolist() == [12] * 20
-    np.testing.assert_array_equal(found.near, np.float32(0.9))
-    np.testing.assert_array_equal(found.far, disparity[:, 12])
+    result = matte_surfaces(matte, disparity)
+    assert result.columns.tolist() == [12] * 20
+    np.testing.assert_array_equal(result.near, np.float32(0.9))
+    np.testing.assert_array_equal(result.far, disparity[:, 12])
 
 
-def test_a_matte_of_several_things_leaves_each_its_depth():
-    """Grass close before a wall is neither the wall nor the fence that the matte holds too."""
+def test_a_matte_of_several_objects_keeps_their_depths():
+    """Grass just in front of a wall is neither the wall nor the fence in the same matte."""
     disparity = np.full((20, 24), 0.24, np.float32)
     disparity[:, 4:12], disparity[:, 12:14] = 0.7, 0.26
     matte = (disparity > 0.25).astype(np.float32)
     assert matte_surfaces(matte, disparity).columns.tolist() == []
 
 
-def test_a_matte_moves_an_edge_that_the_map_has_elsewhere():
+def test_a_matte_moves_an_edge_of_the_map():
     disparity = np.where(np.arange(24) < 10, 0.9, 0.1).astype(np.float32)[None].repeat(5, 0)
     matte = np.where(np.arange(24) < 12, 1, 0).astype(np.float32)[None].repeat(5, 0)
-    found = matte_surfaces(matte, disparity)
-    assert sorted(set(found.columns.tolist())) == [10, 11]
-    np.testing.assert_array_equal(found.coverage, 1)
-    np.testing.assert_allclose(found.near, 0.9, rtol=1e-6)
+    result = matte_surfaces(matte, disparity)
+    assert sorted(set(result.columns.tolist())) == [10, 11]
+    np.testing.assert_array_equal(result.coverage, 1)
+    np.testing.assert_allclose(result.near, 0.9, rtol=1e-6)

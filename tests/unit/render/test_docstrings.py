@@ -1,4 +1,4 @@
-"""Each public class and function from settings to sequences has an example in its docstring, and it runs."""
+"""Docstring examples of all public classes and functions from settings to sequences."""
 
 import doctest
 import importlib
@@ -25,8 +25,8 @@ MODULES = sorted(
 
 def public(module_name: str) -> list:
     module = importlib.import_module(module_name)
-    found = [getattr(module, name) for name in module.__all__]
-    return [item for item in found if inspect.isclass(item) or inspect.isfunction(item)]
+    members = [getattr(module, name) for name in module.__all__]
+    return [item for item in members if inspect.isclass(item) or inspect.isfunction(item)]
 
 
 OWN = [
@@ -38,12 +38,12 @@ OWN = [
 
 
 @pytest.mark.parametrize("item", OWN)
-def test_it_has_an_example(item):
+def test_every_item_has_an_example(item):
     assert ">>> " in (item.__doc__ or "")
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_the_examples_say_what_comes_out(name, tmp_path, monkeypatch):
+def test_the_examples_run_and_print_their_output(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)
     result = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)

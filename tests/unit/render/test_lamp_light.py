@@ -1,4 +1,4 @@
-"""Settings of light: what they reach, what is off by default, what is refused."""
+"""Settings of light: effects, defaults and errors."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ def rendered(settings, radius=-15.0, lens=None):
     return BokehRenderer("scatter").render(make_scene(image, depth), RenderSettings().updated(changes)).bokeh
 
 
-def test_nothing_is_done_by_default():
+def test_all_effects_are_off_by_default():
     plain = rendered({})
     assert RenderSettings().light == type(RenderSettings().light)()
     for settings in ({"rings": 2.8}, {"starburst": 16}, {"glare": 0.02}):
@@ -32,17 +32,17 @@ def test_nothing_is_done_by_default():
         np.testing.assert_allclose(changed.mean((0, 1)), plain.mean((0, 1)), rtol=0.02)
 
 
-def test_rings_are_those_of_the_pixel_pitch():
-    plain, found = rendered({}), rendered({"rings": 4, "pixel_pitch": 10})
+def test_rings_depend_on_the_pixel_pitch():
+    plain, result = rendered({}), rendered({"rings": 4, "pixel_pitch": 10})
     kernel = ring_kernel(BokehRenderer("scatter").aperture, -15.0, 0.4)
     half = len(kernel) // 2
-    cut = found[40 - half : 40 + half + 1, 55 - half : 55 + half + 1]
+    cut = result[40 - half : 40 + half + 1, 55 - half : 55 + half + 1]
     assert np.corrcoef(cut[..., 1].ravel(), kernel[..., 1].ravel())[0, 1] > 0.99
-    assert np.abs(found - plain).max() > 0.02 * plain.max()
+    assert np.abs(result - plain).max() > 0.02 * plain.max()
 
 
 @pytest.mark.parametrize(
-    ("group", "words"),
+    ("group", "message"),
     [
         (
             {"pixel_pitch": 4},
@@ -54,13 +54,13 @@ def test_rings_are_those_of_the_pixel_pitch():
         ({"rings": 0.1}, "light.rings: expected 0.5 to 64, got 0.1"),
     ],
 )
-def test_what_cannot_act_is_refused(group, words):
+def test_settings_without_effect_raise_errors(group, message):
     with pytest.raises(ParameterError) as caught:
         RenderSettings().updated({"light": group})
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
-def test_ghosts_come_with_a_lens():
+def test_ghosts_need_a_lens():
     image = np.full((HEIGHT, WIDTH, 3), 0.05, np.float32)
     image[30, 40] = 1e5
     from bokehnet.scene.depth.depth_source import RelativeDisparity
@@ -73,6 +73,6 @@ def test_ghosts_come_with_a_lens():
     renderer = BokehRenderer("rays")
     plain = renderer.render(scene, settings).bokeh
     with_ghosts = dataclasses.replace(settings, light=settings.updated({"light": {"ghosts": "none"}}).light)
-    more = renderer.render(scene, with_ghosts).bokeh - plain
-    assert more.min() > -1e-3 * plain.max()
-    assert more.sum() > 10
+    ghosts = renderer.render(scene, with_ghosts).bokeh - plain
+    assert ghosts.min() > -1e-3 * plain.max()
+    assert ghosts.sum() > 10

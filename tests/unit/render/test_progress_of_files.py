@@ -1,4 +1,4 @@
-"""Reading and writing tell how far they are: from little to all, never backwards, whatever the format."""
+"""Progress of reading and writing increases from a small fraction to 1 for all formats."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ SETTINGS = RenderSettings(
 )
 
 
-class Told:
+class RecordedProgress:
     def __init__(self):
-        self.shares = []
+        self.fractions = []
 
     def __call__(self, done, total):
-        self.shares.append(done / total)
+        self.fractions.append(done / total)
 
 
 @pytest.fixture
@@ -33,26 +33,26 @@ def files(tmp_path):
 
 @pytest.mark.parametrize("name", ["out.png", "out.jpg", "out.tif", "out.webp", "out.exr", "out.pfm"])
 @pytest.mark.parametrize("photo", ["photo.jpg", "photo.exr"])
-def test_reading_and_writing_tell_how_far_they_are(files, photo, name):
-    reading, writing = Told(), Told()
+def test_reading_and_writing_report_progress(files, photo, name):
+    reading, writing = RecordedProgress(), RecordedProgress()
     scene = read_scene(files / photo, source=RelativeDisparity(map=files / "map.png"), progress=reading)
     BokehRenderer("scatter").render(scene, SETTINGS).save(files / name, writing)
-    for told in (reading, writing):
-        assert told.shares == sorted(told.shares)
-        assert len(set(told.shares)) >= 4
-        assert told.shares[0] < 0.35
-        assert 0.8 < told.shares[-1] <= 1
+    for progress in (reading, writing):
+        assert progress.fractions == sorted(progress.fractions)
+        assert len(set(progress.fractions)) >= 4
+        assert progress.fractions[0] < 0.35
+        assert 0.8 < progress.fractions[-1] <= 1
 
 
-def test_what_a_callback_raises_ends_the_writing_and_leaves_nothing(files):
+def test_an_exception_of_a_callback_ends_writing_and_leaves_no_file(files):
     scene = read_scene(files / "photo.jpg", source=RelativeDisparity(map=files / "map.png"))
     result = BokehRenderer("scatter").render(scene, SETTINGS)
 
     def stop(done, total):
         raise KeyboardInterrupt
 
-    before = set(files.iterdir())
+    existing = set(files.iterdir())
     for extension in ("png", "jpg", "exr"):
         with pytest.raises(KeyboardInterrupt):
             result.save(files / f"out.{extension}", stop)
-    assert set(files.iterdir()) == before
+    assert set(files.iterdir()) == existing
