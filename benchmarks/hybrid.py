@@ -18,7 +18,7 @@ RIVAL = "double loop"
 
 def measure(engine: str, size: tuple[int, int], blur: float, repeats: int) -> tuple[float, float]:
     """Return median seconds and peak memory in GB of one engine."""
-    render = double_loop if engine == RIVAL else BokehRenderer(engine).render
+    render = double_loop if engine == RIVAL else BokehRenderer(engine).render_arrays
     image, defocus = scene(*size, blur)
     render(image[:64, :64].copy(), np.zeros((64, 64), np.float32))  # excludes compilation by numba
     seconds = median_seconds(lambda: render(image, defocus), 1 if engine == RIVAL else repeats)
