@@ -25,6 +25,9 @@ SHARED = Path(os.environ.get("BOKEHNET_SHARED", ROOT.parent / "shared"))
 # Folders of tests that start other programs, browsers or processes, or compare with independent renderers.
 FULL_TIER = ("end_to_end", "golden", "hosts", "processes", "reference")
 
+# Fixtures that start an interpreter: their tests are slow.
+PROCESS_FIXTURES = {"cli_process", "python_process"}
+
 _TORCH_IMPORT = re.compile(
     r"^\s*(?:import|from) "
     r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|classical\.torch))\b",
@@ -62,7 +65,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests marked ``slow`` in a quick run."""
+    """Mark tests that start an interpreter ``slow``, and deselect slow tests in a quick run."""
+    for item in items:
+        if PROCESS_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker("slow")
     if not _is_quick(config):
         return
     slow = [item for item in items if item.get_closest_marker("slow")]

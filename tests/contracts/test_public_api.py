@@ -138,11 +138,13 @@ def test_every_error_is_a_bokehnet_error():
         assert issubclass(getattr(errors, name), errors.BokehnetError)
 
 
+@pytest.mark.slow
 def test_importing_the_package_imports_neither_torch_nor_onnxruntime():
     code = "import sys, bokehnet; print([m for m in ('torch', 'onnxruntime', 'numpy') if m in sys.modules])"
     assert run_python(code).stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["hybrid", "fast", "rays"])
 def test_a_render_never_needs_torch(engine):
     code = NO_TORCH + (
@@ -159,6 +161,7 @@ def test_a_render_never_needs_torch(engine):
     assert done.stdout.strip() == "rendered (40, 50, 3)", done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
 def test_a_room_that_needs_torch_says_how_to_get_it(module):
     done = run_python(NO_TORCH + f"import {module}")
