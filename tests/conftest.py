@@ -1,7 +1,8 @@
 """Test tiers and shared fixtures.
 
 ``pytest`` alone runs the quick tier: about three minutes on two cores, without torch, a browser or other
-programs. ``pytest --all`` runs everything. ``pytest PATH`` runs everything under that path.
+programs. ``pytest --all`` runs everything. ``pytest PATH`` runs everything under that path. ``pytest
+tests/golden --against REVISION`` compares outputs with those of another revision.
 """
 
 import gc
@@ -38,8 +39,11 @@ gc.disable()  # during collection: imports allocate millions of objects that all
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that selects the tier."""
+    """Add the options that select the tier and the revision of the golden set."""
     parser.addoption("--all", action="store_true", help="run every tier, not the quick one alone")
+    parser.addoption(
+        "--against", metavar="REVISION", help="revision for tests/golden"
+    )
 
 
 def _is_quick(config: pytest.Config) -> bool:
