@@ -62,6 +62,7 @@ def test_errors_of_a_scene_and_of_the_cluster_are_told_in_one_line(cluster, tmp_
         write_dataset(dataclasses.replace(config, scene=scene), tmp_path / "bad", cluster=cluster.address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nowhere", "127.0.0.1:many"])
 def test_address_without_a_cluster_is_refused_at_once(address, tmp_path):
     config = load_config("configs/synth_tiny.toml", SynthConfig)
@@ -70,6 +71,7 @@ def test_address_without_a_cluster_is_refused_at_once(address, tmp_path):
     assert not any(tmp_path.glob("*.tar"))
 
 
+@pytest.mark.slow
 def test_command_line_passes_the_address_on(tmp_path, capsys):
     config, out = "configs/synth_tiny.toml", str(tmp_path)
     assert run(["synth", "--config", config, "--out", out, "--ray", "127.0.0.1:1"]) == 1

@@ -44,6 +44,7 @@ def test_a_map_is_traced_once_and_read_back_bit_for_bit(tmp_path, fits):
     assert [path.suffix for path in (tmp_path / "new").iterdir()] == [".npz"]
 
 
+@pytest.mark.slow
 def test_everything_that_matters_makes_another_map(tmp_path, fits):
     def change(row):
         design = LENS.prescription
