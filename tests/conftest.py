@@ -41,9 +41,7 @@ gc.disable()  # during collection: imports allocate millions of objects that all
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options that select the tier and the revision of the golden set."""
     parser.addoption("--all", action="store_true", help="run every tier, not the quick one alone")
-    parser.addoption(
-        "--against", metavar="REVISION", help="revision for tests/golden"
-    )
+    parser.addoption("--against", metavar="REVISION", help="revision for tests/golden")
 
 
 def _is_quick(config: pytest.Config) -> bool:

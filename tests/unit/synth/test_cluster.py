@@ -28,7 +28,7 @@ def cluster(monkeypatch):
 def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_path):
     """Authority: the bytes that a single process writes for the same seed."""
     config = load_config("configs/synth_tiny.toml", SynthConfig)
-    config = dataclasses.replace(config, scenes=20, scenes_per_shard=5, bokeh_samples=64)
+    config = dataclasses.replace(config, scenes=8, scenes_per_shard=2, bokeh_samples=16)
     workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
     cluster.wait_for_nodes()
     killed = []
@@ -47,7 +47,7 @@ def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_p
     assert len(names) == 5
     for name in names:
         assert (tmp_path / "cluster" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
-    assert len(ShardSet(tmp_path / "cluster")) == 20
+    assert len(ShardSet(tmp_path / "cluster")) == 8
 
 
 @pytest.mark.slow
