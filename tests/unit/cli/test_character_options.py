@@ -74,6 +74,7 @@ def test_sliders_at_0_change_no_bit(folder, cli):
     assert pictures[0] == pictures[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "make", "load", "fit"),
     [

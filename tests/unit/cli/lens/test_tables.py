@@ -102,6 +102,7 @@ def test_a_copy_is_a_lens_file_and_one_side_of_its_picture_is_softer(cli, tmp_pa
     assert abs(float(seen[1].mean())) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_profile_texture_is_compared_and_stored(cli, tmp_path, no_bar, monkeypatch):
     from bokehnet.lenses.lookup import profile_comparison
     from bokehnet.lenses.lookup.profile_file import read_profile

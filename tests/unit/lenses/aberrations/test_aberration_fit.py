@@ -29,12 +29,6 @@ def map_of(name, distortion=False):
     return fit_aberration_map(wide_open(name), distortion=distortion)
 
 
-def lens_names(*names):
-    """Parameters ``name``: one lens in the quick tier, the others are slow."""
-    slow = [pytest.param(name, marks=pytest.mark.slow) for name in names if name != "double_gauss"]
-    return pytest.mark.parametrize("name", ["double_gauss", *slow])
-
-
 def pupil_of(full, lens, origin, field):
     """Coordinates a of rays that cross the entrance pupil at ``origin``: A(a) = -origin / radius."""
     wanted = -origin / lens.thick.pupil_radius
@@ -44,7 +38,8 @@ def pupil_of(full, lens, origin, field):
     return pupil
 
 
-@lens_names(*catalog_names())
+@pytest.mark.slow
+@pytest.mark.parametrize("name", catalog_names())
 def test_rays_are_those_through_the_glass(name):
     """Reference: traced rays of random fields; 546 and 450 nm lie between the wavelengths of the fit."""
     for distortion in (False, True):
@@ -56,7 +51,8 @@ def test_rays_are_those_through_the_glass(name):
             assert pupil_aberration < 1e-3
 
 
-@lens_names("cooke_triplet", "double_gauss", "retrofocus")
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
 @pytest.mark.parametrize("share", [0.6, 1.7])
 def test_light_of_a_point_arrives_where_the_map_says(name, share):
     """Reference: light sent from the scene to the sensor, and where a pinhole camera sees the point."""
@@ -87,7 +83,8 @@ def rays_to_the_stop(lens, distance):
     return rays, rays.sensor_slope[2] ** 4, goes_on
 
 
-@lens_names(*catalog_names())
+@pytest.mark.slow
+@pytest.mark.parametrize("name", catalog_names())
 @pytest.mark.parametrize("distance", [0.0, 0.4, 0.7, 0.95])
 def test_rims_pass_the_share_of_light_that_the_glass_passes(name, distance):
     """Reference: traced rays, weighted by the cosines at the sensor; of the light through the stop."""
@@ -97,7 +94,8 @@ def test_rims_pass_the_share_of_light_that_the_glass_passes(name, distance):
     assert told == pytest.approx((light * rays.passes).sum() / (light * goes_on).sum(), abs=0.03)
 
 
-@lens_names("double_gauss", "telephoto", "retrofocus")
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["double_gauss", "telephoto", "retrofocus"])
 @pytest.mark.parametrize("distance", [0.0, 0.6])
 def test_aperture_coordinates_are_evenly_lit(name, distance):
     """Reference: radiometry; light goes with the area in cosines at the sensor. Places in the stop fail."""
