@@ -26,8 +26,8 @@ SHARED = Path(os.environ.get("BOKEHNET_SHARED", ROOT.parent / "shared"))
 # Folders of tests that start other programs, browsers or processes, or compare with independent renderers.
 FULL_TIER = ("end_to_end", "golden", "hosts", "processes", "reference")
 
-# Fixtures that start an interpreter: their tests are slow.
-PROCESS_FIXTURES = {"cli_process", "python_process"}
+# Fixtures that start interpreters: their tests are slow.
+PROCESS_FIXTURES = {"built", "cli_process", "cluster", "python_process", "warm"}
 
 _TORCH_IMPORT = re.compile(
     r"^\s*(?:import|from) "

@@ -92,6 +92,7 @@ def test_with_disparity_the_lens_is_the_one_designed(folder, cli, options, make,
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "f_number"), [([], 2.2), (["--lens-f-number", 2.5], 2.5)])
 def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_metres, options, f_number):
     lens = load_lens("petzval", focal_length=50.0, f_number=f_number, focus_distance=2000.0)
