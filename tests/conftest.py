@@ -1,7 +1,8 @@
 """Test tiers and shared fixtures.
 
 ``pytest`` alone runs the quick tier: about three minutes on two cores, without torch, a browser or other
-programs. ``pytest --all`` runs everything. ``pytest PATH`` runs everything under that path.
+programs. ``pytest --all`` runs everything. ``pytest PATH`` runs everything under that path. ``pytest
+tests/golden --against REVISION`` compares outputs with those of another revision.
 """
 
 import gc
@@ -25,9 +26,13 @@ SHARED = Path(os.environ.get("BOKEHNET_SHARED", ROOT.parent / "shared"))
 # Folders of tests that start other programs, browsers or processes, or compare with independent renderers.
 FULL_TIER = ("end_to_end", "golden", "hosts", "processes", "reference")
 
+# Fixtures that start interpreters: their tests are slow.
+PROCESS_FIXTURES = {"built", "cli_process", "cluster", "python_process", "warm"}
+
 _TORCH_IMPORT = re.compile(
     r"^\s*(?:import|from) "
-    r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|classical\.torch))\b",
+    r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|classical\.torch))\b"
+    r'|^pytest\.importorskip\("torch"',
     re.MULTILINE,
 )
 
@@ -35,8 +40,9 @@ gc.disable()  # during collection: imports allocate millions of objects that all
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that selects the tier."""
+    """Add the options that select the tier and the revision of the golden set."""
     parser.addoption("--all", action="store_true", help="run every tier, not the quick one alone")
+    parser.addoption("--against", metavar="REVISION", help="revision for tests/golden")
 
 
 def _is_quick(config: pytest.Config) -> bool:
@@ -62,7 +68,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests marked ``slow`` in a quick run."""
+    """Mark tests that start an interpreter ``slow``, and deselect slow tests in a quick run."""
+    for item in items:
+        if PROCESS_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker("slow")
     if not _is_quick(config):
         return
     slow = [item for item in items if item.get_closest_marker("slow")]

@@ -98,6 +98,9 @@ def test_old_public_names_still_work_but_are_not_offered():
     assert not set(bokehnet._OLD_NAMES) & set(bokehnet.__all__)
 
 
+TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace", "bokehnet.synth")
+
+
 @pytest.mark.parametrize(
     "module",
     [
@@ -129,6 +132,8 @@ def test_old_public_names_still_work_but_are_not_offered():
     ],
 )
 def test_every_name_in_all_exists(module):
+    if module.startswith(TORCH_ROOMS):
+        pytest.importorskip("torch", reason="a room that needs the extra train")
     loaded = import_module(module)
     for name in loaded.__all__:
         assert hasattr(loaded, name)
@@ -139,11 +144,13 @@ def test_every_error_is_a_bokehnet_error():
         assert issubclass(getattr(errors, name), errors.BokehnetError)
 
 
+@pytest.mark.slow
 def test_importing_the_package_imports_neither_torch_nor_onnxruntime():
     code = "import sys, bokehnet; print([m for m in ('torch', 'onnxruntime', 'numpy') if m in sys.modules])"
     assert run_python(code).stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["hybrid", "fast", "rays"])
 def test_a_render_never_needs_torch(engine):
     code = NO_TORCH + (
@@ -160,6 +167,7 @@ def test_a_render_never_needs_torch(engine):
     assert done.stdout.strip() == "rendered (40, 50, 3)", done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
 def test_a_room_that_needs_torch_says_how_to_get_it(module):
     done = run_python(NO_TORCH + f"import {module}")

@@ -5,15 +5,16 @@ import shlex
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper
 
 import bokehnet
 from bokehnet.cli.app import run
 from bokehnet.io.image import write_image, write_map
 from tests.unit.io.exr_files import read_channels, write_exr
 from tests.unit.io.phone_files import encode, gdepth_photo
+
+onnx = pytest.importorskip("onnx", reason="writes networks with onnx, of the extra train")
+TensorProto, helper = onnx.TensorProto, onnx.helper
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "docs/use/examples.md")

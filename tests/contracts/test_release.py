@@ -22,6 +22,7 @@ def test_a_version_that_disagrees_is_told(monkeypatch):
         release.check_versions()
 
 
+@pytest.mark.slow
 def test_the_sdist_holds_every_file_of_the_repository(tmp_path):
     pytest.importorskip("hatchling", reason="builds with hatchling, which the extra release brings")
     if not (ROOT / ".git").exists():

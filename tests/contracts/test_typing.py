@@ -33,9 +33,11 @@ def test_there_are_twenty(name):
     assert sorted(numbered(name).values()) == list(range(1, 21))
 
 
+@pytest.mark.slow
 def test_right_uses_are_accepted():
     assert refused("right.py") == set()
 
 
+@pytest.mark.slow
 def test_each_wrong_use_is_refused():
     assert refused("wrong.py") == set(numbered("wrong.py"))

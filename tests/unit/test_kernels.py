@@ -55,6 +55,7 @@ def kernel_file(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_without_a_folder_kernels_are_compiled_and_one_line_says_so(kernel_file, nowhere):
     (kernel_file / "__pycache__").write_text("")  # a file: no folder can be made here
     for _ in range(2):
@@ -64,6 +65,7 @@ def test_without_a_folder_kernels_are_compiled_and_one_line_says_so(kernel_file,
         assert "NUMBA_CACHE_DIR" in outcome.stderr
 
 
+@pytest.mark.slow
 def test_an_unwritable_folder_is_numbas_own_failure(kernel_file, nowhere):
     """Without our function the same program dies: this shows that the surroundings are the true ones."""
     source = TRIPLE.replace("from bokehnet.kernels", "from numba")
@@ -74,11 +76,13 @@ def test_an_unwritable_folder_is_numbas_own_failure(kernel_file, nowhere):
     assert "no locator available" in outcome.stderr
 
 
+@pytest.mark.slow
 def test_a_second_program_finds_the_kernels_of_the_first(kernel_file, tmp_path):
     found = [run(["kernel_file.py"], kernel_file, NUMBA_CACHE_DIR=tmp_path / "cache") for _ in range(2)]
     assert [(outcome.stdout, outcome.stderr) for outcome in found] == [("0\n", ""), ("2\n", "")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 def test_damaged_files_are_replaced(kernel_file, tmp_path, kind):
     cache = {"NUMBA_CACHE_DIR": tmp_path / "cache"}
@@ -89,6 +93,7 @@ def test_damaged_files_are_replaced(kernel_file, tmp_path, kind):
     assert [(outcome.stdout, outcome.stderr) for outcome in found] == [("0\n", ""), ("2\n", "")]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_full_disk_stops_nothing(kernel_file, tmp_path):
     """/dev/full fails at the first byte written, as a full disk does, after the folder was found writable."""
@@ -110,6 +115,7 @@ assert kernel_file.triple(0.5) == 1.5
     assert "No space left on device" in outcome.stderr
 
 
+@pytest.mark.slow
 def test_the_line_goes_to_a_programs_own_log(kernel_file, nowhere):
     (kernel_file / "__pycache__").write_text("")
     source = "import logging; logging.basicConfig(filename='log.txt'); import kernel_file as k; k.triple(2)"

@@ -102,6 +102,7 @@ def test_a_bug_keeps_its_traceback(failing):
         application.run(["fail"])
 
 
+@pytest.mark.slow
 def test_the_traceback_of_a_bug_is_the_plain_one():
     source = (
         "from bokehnet.cli import app\n"
@@ -115,6 +116,7 @@ def test_the_traceback_of_a_bug_is_the_plain_one():
     assert done.stderr.endswith("ZeroDivisionError: bug\n")
 
 
+@pytest.mark.slow
 def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
     """NumPy warns of the overflow besides; the program does not pass that on."""
     write_image(tmp_path / "photo.png", np.full((8, 8, 3), 0.5, np.float32))
@@ -142,6 +144,7 @@ def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
     assert "expected finite values" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_program_leaves_at_once_but_leaves_nothing_undone(tmp_path):
     source = (
         "import atexit, sys, threading, time\n"

@@ -74,6 +74,7 @@ def test_sliders_at_0_change_no_bit(folder, cli):
     assert pictures[0] == pictures[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "make", "load", "fit"),
     [
@@ -91,6 +92,7 @@ def test_with_disparity_the_lens_is_the_one_designed(folder, cli, options, make,
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "f_number"), [([], 2.2), (["--lens-f-number", 2.5], 2.5)])
 def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_metres, options, f_number):
     lens = load_lens("petzval", focal_length=50.0, f_number=f_number, focus_distance=2000.0)

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from tests.unit.onnx_file.running import picture, start, steps
 
 

@@ -138,6 +138,7 @@ def test_a_script_completes_in_the_shell(tmp_path, python_process, monkeypatch):
     assert "complete -o default -F _bokehnet_completion bokehnet" in outcome.out
 
 
+@pytest.mark.slow
 def test_completion_offers_commands_choices_and_presets(tmp_path):
     assert completed(["bokehnet", "pre"], tmp_path, 1) == ["presets"]
     assert completed(["bokehnet", "render", "a.png", "--engine", "s"], tmp_path, 4) == ["scatter"]

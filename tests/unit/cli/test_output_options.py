@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from PIL import Image
 
 from bokehnet.io.frame import read_frame
 from bokehnet.io.image import read_image
 from bokehnet.io.info import image_info
 from tests.unit.io import profiles
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 
 SHARP = ("--disparity", "disparity.png", "--blur", 0, "--focus", 0.5, "--engine", "scatter")
 SHARP += ("--repair-disparity", "off")

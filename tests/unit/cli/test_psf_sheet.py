@@ -18,6 +18,7 @@ def quick(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_the_sheet_shows_traced_beside_reduced(cli, tmp_path, quick):
     out = tmp_path / "sheet.png"
     outcome = cli("lens", "biconvex", "--focus", 2, "--f-number", 11, "--psf-sheet", out)

@@ -51,7 +51,7 @@ def hidden(folder):
     return [path.name for path in folder.rglob(".bokehnet-*")]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_each_frame_is_what_a_single_render_of_it_is(shot, cli, jobs):
     """Oracle: the command without --frames; the stored disparity spans 0 to 1, so it needs no scaling."""
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4", "--jobs", jobs, "-q")
@@ -63,6 +63,7 @@ def test_each_frame_is_what_a_single_render_of_it_is(shot, cli, jobs):
         assert_array_equal(read_image("single.png"), read_image(f"out.{frame:04d}.png"))
 
 
+@pytest.mark.slow
 def test_a_static_scene_gives_identical_frames_however_many_render(shot, cli):
     """The rays too, whose samples are random: the same ones in each frame and each process."""
     words = [*STILL[:6], "--blur", 6, "--focus", 0.4]
@@ -73,6 +74,7 @@ def test_a_static_scene_gives_identical_frames_however_many_render(shot, cli):
     assert outputs(shot) == one
 
 
+@pytest.mark.slow
 def test_a_lens_is_the_same_in_every_process(shot, cli, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     words = [*STILL[:6], *FOCUS, "--lens", "double_gauss", "--coma", 2, "--repair-disparity", "off"]
@@ -93,7 +95,7 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     assert (shot / "out.0002.png").read_bytes() != b"older"
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_bad_frames_are_told_and_do_not_stop_the_others(shot, cli, jobs):
     (shot / "shot.0002.png").unlink()
     (shot / "z.0003.png").write_bytes((shot / "z.0003.png").read_bytes()[:60])
@@ -214,6 +216,7 @@ class Deadly:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_a_process_that_dies_fails_its_frame_alone(folder):
     jobs = {1: Deadly(), 2: object(), 3: Deadly()}
@@ -271,6 +274,7 @@ def test_no_process_starts_with_interrupts_let_through(python_process):
     assert python_process(source).out == "True\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_is_clean(folder, jobs):
@@ -288,6 +292,7 @@ def test_ctrl_c_is_clean(folder, jobs):
     assert len(set(found.values())) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_killed_in_the_middle_and_run_again_nothing_is_lost_or_half(folder, cli, jobs):
@@ -303,6 +308,7 @@ def test_killed_in_the_middle_and_run_again_nothing_is_lost_or_half(folder, cli,
     assert all((folder / name).stat().st_mtime_ns == time for name, time in before.items())
 
 
+@pytest.mark.slow
 def test_two_processes_may_write_the_same_frames(folder):
     processes = [start("--overwrite") for _ in range(2)]
     for process in processes:

@@ -7,6 +7,8 @@ import pytest
 
 from bokehnet.io.channels import read_channels
 
+pytest.importorskip("torch", reason="rays are traced with the extra trace")
+
 
 def test_accumulation_goes_on_from_the_views_in_the_file(cli, scene, tmp_path):
     part, whole, other = (tmp_path / name for name in ("part.exr", "whole.exr", "other.exr"))

@@ -192,6 +192,7 @@ def test_certainty_is_the_height_of_the_peak_above_its_higher_side():
     assert abs(profile.offset) < 0.1  # light between pixels is interpolated before it is encoded
 
 
+@pytest.mark.slow
 def test_the_repair_leaves_maps_whose_edges_are_right_but_look_alike():
     """Authority: the exact map. Near square and background have one texture, so the network errs."""
     disparity = np.zeros((200, 260), np.float32)
@@ -203,6 +204,7 @@ def test_the_repair_leaves_maps_whose_edges_are_right_but_look_alike():
     assert np.mean(found.disparity != disparity) < 0.002
 
 
+@pytest.mark.slow
 def test_the_repair_keeps_the_edges_of_an_accurate_map_by_plane_sweep(shared):
     """Authority: the map, accurate to less than a pixel at its edges."""
     folder = shared("real_lens/shop_seller/disparity.png").parent

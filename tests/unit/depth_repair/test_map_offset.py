@@ -68,6 +68,7 @@ def textured(truth: np.ndarray) -> np.ndarray:
     return (near * rng.uniform(0.8, 1.2, truth.shape)[..., None]).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [(0, 2), (-2, 3), (0, 0)])
 @pytest.mark.parametrize("factor", [1, 4])
 def test_the_repair_translates_a_map_and_reports_it(offset, factor):

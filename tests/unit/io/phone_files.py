@@ -6,7 +6,7 @@ import io
 import struct
 
 import numpy as np
-from PIL import Image
+import pytest
 
 RDF = 'xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"'
 GDEPTH = 'xmlns:GDepth="http://ns.google.com/photos/1.0/depthmap/"'
@@ -23,17 +23,22 @@ APPLE = (
 STANDARD, EXTENDED = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 
 
+def pillow():
+    """Module ``PIL.Image``; skips the test that needs it where it is absent."""
+    return pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
+
+
 def encode(array, form, **options):
     """A picture file; uint8 or uint16, grey or RGB."""
     stream = io.BytesIO()
-    Image.fromarray(array).save(stream, form, **options)
+    pillow().fromarray(array).save(stream, form, **options)
     return stream.getvalue()
 
 
 def photo(array=None, orientation=None):
     """A JPEG with EXIF orientation."""
     array = np.full((24, 32, 3), 120, np.uint8) if array is None else array
-    exif = Image.Exif()
+    exif = pillow().Exif()
     if orientation:
         exif[0x0112] = orientation
     return encode(array, "JPEG", quality=95, exif=exif)

@@ -7,7 +7,6 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from PIL import Image, ImageCms
 
 from bokehnet.errors import ImageFileError, MissingExtraError, ParameterError
 from bokehnet.io.color.color_space import COLOR_SPACES
@@ -18,6 +17,9 @@ from bokehnet.io.image import read_image, write_image
 from bokehnet.io.info import image_info
 from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
+ImageCms = pytest.importorskip("PIL.ImageCms", reason="writes test files with Pillow")
 
 
 @pytest.fixture

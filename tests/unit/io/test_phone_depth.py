@@ -5,7 +5,6 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from PIL import Image
 
 from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.color.color_space import convert
@@ -18,6 +17,8 @@ from bokehnet.io.phone_depth import read_phone_depth
 from tests.unit.io import phone_files as files
 from tests.unit.io import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 
 # A map of depths, mm; 16 bits, so that rounding is below 1e-4 of its range.
 DEPTH = np.tile(np.geomspace(400, 6000, 16), (12, 1))

@@ -1,13 +1,14 @@
 """Arrays written as ONNX nodes. Authority of all: the same in NumPy."""
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper
 
-from bokehnet.onnx_file.builder import END, OPSET, Graph
-from bokehnet.optics.encoding import decode, encode
-from tests.unit.onnx_file.running import compiled, start
+onnx = pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+TensorProto, helper = onnx.TensorProto, onnx.helper
+
+from bokehnet.onnx_file.builder import END, OPSET, Graph  # noqa: E402
+from bokehnet.optics.encoding import decode, encode  # noqa: E402
+from tests.unit.onnx_file.running import compiled, start  # noqa: E402
 
 X = np.array([[-1.5, 2.0, 0.25], [4.0, -3.0, 1.0]], np.float32)
 

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from bokehnet.classical.error_map import geometric_error_map as package_map
 from bokehnet.onnx_file.error_map import geometric_error_map
 from tests.unit.onnx_file.running import compiled, steps

@@ -5,16 +5,17 @@ import json
 import shutil
 
 import numpy as np
-import onnx
 import pytest
 
-from bokehnet.engines.options import RenderOptions
-from bokehnet.errors import ModelFileError, ParameterError
-from bokehnet.inference.session import WEIGHTS
-from bokehnet.onnx_file import neural, renderer
-from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.render.renderer import BokehRenderer
-from tests.unit.onnx_file.running import decibels, picture, start, steps
+onnx = pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
+from bokehnet.engines.options import RenderOptions  # noqa: E402
+from bokehnet.errors import ModelFileError, ParameterError  # noqa: E402
+from bokehnet.inference.session import WEIGHTS  # noqa: E402
+from bokehnet.onnx_file import neural, renderer  # noqa: E402
+from bokehnet.optics.coc import defocus_from_disparity  # noqa: E402
+from bokehnet.render.renderer import BokehRenderer  # noqa: E402
+from tests.unit.onnx_file.running import decibels, picture, start, steps  # noqa: E402
 
 
 @pytest.fixture(scope="module")

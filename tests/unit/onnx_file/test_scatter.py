@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from bokehnet.classical.scatter_renderer import scatter as package_scatter
 from bokehnet.onnx_file.scatter import scatter
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from bokehnet.classical.scatter.disc_scatter import scatter_forward
 from bokehnet.classical.scatter.oracle import disc_weights, scatter_reference
 from bokehnet.onnx_file.spread import spread_discs

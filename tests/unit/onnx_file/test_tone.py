@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.optics.tone import gamma_curve as package_curve
 from tests.unit.onnx_file.running import compiled, picture

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+pytest.importorskip("onnx", reason="needs onnx, of the extra train")
+
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity

@@ -204,6 +204,7 @@ def test_the_api_describes_itself(running):
     assert running.client.get("/healthz").json()["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_a_service_that_is_killed_does_its_jobs_after_a_restart(scene, tmp_path, monkeypatch):
     with service(tmp_path / "jobs", stop=signal.SIGKILL) as first:
         jobs = [first.post(scene / "large").json()["id"] for _ in range(2)]

@@ -85,6 +85,7 @@ def test_a_new_shape_comes_first_as_plain_discs(client, opened, frames):
     assert (again[-2][1] == found[1][1]).all()
 
 
+@pytest.mark.slow
 def test_a_newer_request_of_the_same_page_ends_the_one_before(opened):
     previews = opened.previews
     first = previews.begin("page")

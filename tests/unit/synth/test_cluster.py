@@ -28,7 +28,7 @@ def cluster(monkeypatch):
 def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_path):
     """Authority: the bytes that a single process writes for the same seed."""
     config = load_config("configs/synth_tiny.toml", SynthConfig)
-    config = dataclasses.replace(config, scenes=20, scenes_per_shard=5, bokeh_samples=64)
+    config = dataclasses.replace(config, scenes=8, scenes_per_shard=2, bokeh_samples=16)
     workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
     cluster.wait_for_nodes()
     killed = []
@@ -47,7 +47,7 @@ def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_p
     assert len(names) == 5
     for name in names:
         assert (tmp_path / "cluster" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
-    assert len(ShardSet(tmp_path / "cluster")) == 20
+    assert len(ShardSet(tmp_path / "cluster")) == 8
 
 
 @pytest.mark.slow
@@ -62,6 +62,7 @@ def test_errors_of_a_scene_and_of_the_cluster_are_told_in_one_line(cluster, tmp_
         write_dataset(dataclasses.replace(config, scene=scene), tmp_path / "bad", cluster=cluster.address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nowhere", "127.0.0.1:many"])
 def test_address_without_a_cluster_is_refused_at_once(address, tmp_path):
     config = load_config("configs/synth_tiny.toml", SynthConfig)
@@ -70,6 +71,7 @@ def test_address_without_a_cluster_is_refused_at_once(address, tmp_path):
     assert not any(tmp_path.glob("*.tar"))
 
 
+@pytest.mark.slow
 def test_command_line_passes_the_address_on(tmp_path, capsys):
     config, out = "configs/synth_tiny.toml", str(tmp_path)
     assert run(["synth", "--config", config, "--out", out, "--ray", "127.0.0.1:1"]) == 1

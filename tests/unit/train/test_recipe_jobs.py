@@ -50,6 +50,7 @@ def states(folder: Path) -> dict[str, bool]:
     return {makes: step["done"] for makes, step in told.items()}
 
 
+@pytest.mark.slow
 def test_trainings_side_by_side_stop_with_a_checkpoint_and_do_not_outlive_the_recipe(tmp_path):
     checkpoints = [tmp_path / f"out/runs/{name}/last.pt" for name in ("one", "two")]
     recipe = started(tmp_path, one=10**6, two=10**6)
@@ -79,6 +80,7 @@ def test_trainings_side_by_side_stop_with_a_checkpoint_and_do_not_outlive_the_re
     assert [path.stat().st_mtime_ns for path in checkpoints] == killed
 
 
+@pytest.mark.slow
 def test_one_that_fails_is_named_and_the_others_stop_with_a_checkpoint(tmp_path):
     recipe = started(tmp_path, one=10**6, broken=-5)
     _, errors = recipe.communicate(timeout=200)

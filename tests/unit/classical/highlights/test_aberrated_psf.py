@@ -111,7 +111,13 @@ def traced(light, aperture, lens_response, *, blocked=None):
 
 
 @pytest.mark.parametrize("name", LENSES)
-@pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=5, rotation=20, spherical_profile=0.4)])
+@pytest.mark.parametrize(
+    "aperture",
+    [
+        Aperture(),
+        pytest.param(Aperture(blades=5, rotation=20, spherical_profile=0.4), marks=pytest.mark.slow),
+    ],
+)
 def test_psf_images_hold_the_rays_of_the_map(name, aperture):
     lens_response = LENSES[name]
     got, wanted = (

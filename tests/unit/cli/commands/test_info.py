@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from PIL import Image
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.frame import read_frame
@@ -60,6 +59,7 @@ def test_info_names_the_colour_space_of_maps_and_exr(tmp_path):
 def test_info_tells_why_a_profile_is_refused_and_all_else(tmp_path, cli):
     """A profile that is a table, as printers have them."""
     table = profiles.profile(b"RGB ", {b"desc": profiles.named("lut"), b"A2B0": b"mft2"})
+    Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")  # noqa: N806
     picture = Image.new("RGB", (6, 4), (200, 100, 50))
     picture.save(tmp_path / "a.jpg", icc_profile=table)
     with pytest.raises(ImageFileError) as told:

@@ -70,6 +70,7 @@ def stored(tmp_path):
 DEPTH = ("depth", "photo.png", "-o", "out.exr", "--model", "tiny")
 
 
+@pytest.mark.slow
 def test_a_network_is_downloaded_once_after_consent_and_used_offline_then(run, hub, tmp_path):
     refused = run(*DEPTH)
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
@@ -90,10 +91,12 @@ def test_a_network_is_downloaded_once_after_consent_and_used_offline_then(run, h
     assert_allclose(read_map(tmp_path / "out.exr"), expected, atol=0.03)
 
 
+@pytest.mark.slow
 def test_consent_can_be_given_ahead(run):
     assert run(*DEPTH, BOKEHNET_DOWNLOADS="yes").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path):
     render = ("render", "photo.png", "-o", "out.png", "--f-number", "1.8", "--json")
     without = run(*render)
@@ -106,6 +109,7 @@ def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path
     assert json.loads(done.stdout)["largest_blur_px"] > 0.1
 
 
+@pytest.mark.slow
 def test_other_bytes_than_those_pinned_are_never_run(run, hub, tmp_path):
     hub.files["tests/tiny", "onnx/model.onnx"] += b" "
     done = run(*DEPTH, BOKEHNET_DOWNLOADS="yes")
@@ -115,6 +119,7 @@ def test_other_bytes_than_those_pinned_are_never_run(run, hub, tmp_path):
     assert not (tmp_path / "out.exr").exists()
 
 
+@pytest.mark.slow
 def test_a_cached_file_that_was_changed_is_removed(run, tmp_path):
     run("models", "tiny", "--get")
     [blob] = stored(tmp_path)
@@ -124,6 +129,7 @@ def test_a_cached_file_that_was_changed_is_removed(run, tmp_path):
     assert run(*DEPTH).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_download_that_breaks_off_leaves_nothing_that_counts(run, hub, tmp_path):
     hub.cut = 99
     done = run("models", "tiny", "--get")
@@ -134,6 +140,7 @@ def test_a_download_that_breaks_off_leaves_nothing_that_counts(run, hub, tmp_pat
     assert run("models", "tiny", "--get").returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variables", "change", "words"),
     [
@@ -153,6 +160,7 @@ def test_what_hinders_a_download_is_told_in_one_line(run, hub, tmp_path, variabl
         assert word in done.stderr
 
 
+@pytest.mark.slow
 def test_an_entry_without_pins_is_refused_with_that_reason(run, hub, tmp_path):
     write_table(tmp_path, "tiny", "midas", None)
     for words in (
@@ -166,11 +174,13 @@ def test_an_entry_without_pins_is_refused_with_that_reason(run, hub, tmp_path):
     assert hub.asked == []
 
 
+@pytest.mark.slow
 def test_an_unknown_name_lists_the_known_ones(run):
     done = run("depth", "photo.png", "-o", "out.exr", "--model", "tinny")
     assert (done.returncode, "one of tiny" in done.stderr) == (1, True)
 
 
+@pytest.mark.slow
 def test_a_convention_beside_a_named_network_is_refused(run):
     run("models", "tiny", "--get")
     done = run(*DEPTH, "--convention", "marigold")
@@ -187,6 +197,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_the_release_command_pins_what_the_hub_has(run, hub, tmp_path):
     pins = (tmp_path / "pins.toml").read_text()
     write_table(tmp_path, "tiny", "midas", None)

@@ -105,6 +105,7 @@ def test_an_import_that_fails_writes_nothing(cli, tmp_path):
     assert not (tmp_path / "a.toml").exists()
 
 
+@pytest.mark.slow
 def test_two_lenses_stand_side_by_side(cli):
     outcome = cli("lens", "compare", "double_gauss", "petzval", "--f-number", 4)
     assert (outcome.code, outcome.err) == (0, "")
@@ -114,6 +115,7 @@ def test_two_lenses_stand_side_by_side(cli):
     assert [round(facts["back_focus"], 2) for facts in numbers] == [71.44, 56.45]
 
 
+@pytest.mark.slow
 def test_a_report_as_json_holds_the_curves(cli):
     outcome = cli("lens", "report", "petzval", "--f-number", 4, "--json")
     assert (outcome.code, outcome.err) == (0, "")

@@ -32,6 +32,7 @@ def test_a_table_is_written_and_rendered_with(cli, tmp_path):
     assert np.abs(pictures[0] - pictures[2]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_lens_becomes_a_preset_beside_its_table(cli, tmp_path, no_bar):
     outcome = cli("lens", "preset", "biconvex", "-o", tmp_path / "mine.toml")
     assert (outcome.code, outcome.err) == (0, "")
@@ -55,6 +56,7 @@ def test_a_lens_becomes_a_preset_beside_its_table(cli, tmp_path, no_bar):
     assert taken.code == 0, taken.err
 
 
+@pytest.mark.slow
 def test_a_transfer_function_is_stored_and_is_a_lens_then(cli, tmp_path):
     outcome = cli("lens", "transfer", "petzval", "--one-colour", "-o", tmp_path / "a.npz")
     assert (outcome.code, outcome.err) == (0, "")
@@ -64,6 +66,7 @@ def test_a_transfer_function_is_stored_and_is_a_lens_then(cli, tmp_path):
     assert "99.98" in shown.out
 
 
+@pytest.mark.slow
 def test_a_copy_is_a_lens_file_and_one_side_of_its_picture_is_softer(cli, tmp_path):
     outcome = cli(
         "lens", "copy", "petzval", "--copy-to-copy", 10, "--seed", 3, "-o", tmp_path / "c.toml", "--json"
@@ -99,6 +102,7 @@ def test_a_copy_is_a_lens_file_and_one_side_of_its_picture_is_softer(cli, tmp_pa
     assert abs(float(seen[1].mean())) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_profile_texture_is_compared_and_stored(cli, tmp_path, no_bar, monkeypatch):
     from bokehnet.lenses.lookup import profile_comparison
     from bokehnet.lenses.lookup.profile_file import read_profile

@@ -63,6 +63,7 @@ def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cl
         assert (shot / f"ray.{frame:04}.png").read_bytes() == (shot / f"one.{frame:04}.png").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -87,7 +87,7 @@ def test_quiet_and_verbose_contradict_each_other(fails):
     fails([*RELATIVE[:-2], "--focus", 0.4, "-q", "-v"], "--quiet", "--verbose")
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_json_of_a_sequence_tells_every_frame(folder, cli, jobs):
     (folder / "out.02.png").write_bytes(b"older")
     words = ("--focus", 0.4, "--frames", "1-3", "--jobs", jobs, "--json")

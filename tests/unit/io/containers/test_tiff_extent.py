@@ -5,11 +5,12 @@ import struct
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from PIL import Image
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.tiff_extent import tiff_end
 from bokehnet.io.image import read_image
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 
 
 def palette(path):

@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from PIL import Image
 
 from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.containers.jxl import jxl_boxes, jxl_with
@@ -18,6 +17,8 @@ from bokehnet.io.metadata.exif import read_directory
 from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif, packet
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 
 HEIGHT, WIDTH = 40, 56
 

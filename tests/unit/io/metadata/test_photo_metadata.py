@@ -8,7 +8,6 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_array_equal
-from PIL import Image, PngImagePlugin
 
 from bokehnet.io.containers.jpeg import APP1, insert_segments
 from bokehnet.io.frame import read_frame, write_frame
@@ -17,6 +16,9 @@ from bokehnet.io.metadata.exif import read_directory, refreshed_exif
 from bokehnet.io.metadata.xmp import STANDARD_XMP
 from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
+
+Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
+PngImagePlugin = pytest.importorskip("PIL.PngImagePlugin", reason="writes test files with Pillow")
 
 HEIGHT, WIDTH = 24, 32
 EXIF, GPS = 0x8769, 0x8825

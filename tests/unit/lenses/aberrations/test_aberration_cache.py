@@ -34,6 +34,7 @@ def assert_same(first, second):
     assert first.vignetting_apertures == second.vignetting_apertures
 
 
+@pytest.mark.slow
 def test_a_map_is_traced_once_and_read_back_bit_for_bit(tmp_path, fits):
     first = cached_aberration_map(LENS, wavelengths=(500.0,), folder=tmp_path / "new")
     second = cached_aberration_map(LENS, wavelengths=(500.0,), folder=tmp_path / "new")
@@ -44,6 +45,7 @@ def test_a_map_is_traced_once_and_read_back_bit_for_bit(tmp_path, fits):
     assert [path.suffix for path in (tmp_path / "new").iterdir()] == [".npz"]
 
 
+@pytest.mark.slow
 def test_everything_that_matters_makes_another_map(tmp_path, fits):
     def change(row):
         design = LENS.prescription

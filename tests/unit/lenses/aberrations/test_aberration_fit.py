@@ -1,5 +1,7 @@
 """Aberration maps against the rays through the glass that they stand for."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -15,12 +17,16 @@ SQUARE = np.stack([halton(8000, base) for base in (2, 3, 5, 7)], -1)
 DISC, OTHER_DISC = disc_from_square(SQUARE[:, :2]), disc_from_square(SQUARE[:, 2:])
 
 
-@pytest.fixture(scope="module")
-def maps():
-    """Lens, map, and map with distortion, of each lens of the catalog, wide open."""
-    lenses = [load_lens(name, focus_distance=30 * load_lens(name).focal_length) for name in catalog_names()]
-    fitted = [(lens, fit_aberration_map(lens), fit_aberration_map(lens, distortion=True)) for lens in lenses]
-    return dict(zip(catalog_names(), fitted, strict=True))
+@cache
+def wide_open(name):
+    """Lens of the catalog, focused at 30 focal lengths."""
+    return load_lens(name, focus_distance=30 * load_lens(name).focal_length)
+
+
+@cache
+def map_of(name, distortion=False):
+    """Fitted map of a lens wide open; each takes seconds, and many tests share it."""
+    return fit_aberration_map(wide_open(name), distortion=distortion)
 
 
 def pupil_of(full, lens, origin, field):
@@ -32,24 +38,25 @@ def pupil_of(full, lens, origin, field):
     return pupil
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
-def test_rays_are_those_through_the_glass(maps, name):
+def test_rays_are_those_through_the_glass(name):
     """Reference: traced rays of random fields; 546 and 450 nm lie between the wavelengths of the fit."""
-    lens, aberration_map, full = maps[name]
-    for distortion, fitted in ((False, aberration_map), (True, full)):
+    for distortion in (False, True):
         for wavelength, largest in ((None, 0.04), (400.0, 0.04), (546.07, 0.15), (450.0, 0.15)):
             transverse_aberration, pupil_aberration = aberration_misfit(
-                lens, fitted, distortion=distortion, wavelength=wavelength
+                wide_open(name), map_of(name, distortion), distortion=distortion, wavelength=wavelength
             )
             assert PIXELS * transverse_aberration < largest
             assert pupil_aberration < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
 @pytest.mark.parametrize("share", [0.6, 1.7])
-def test_light_of_a_point_arrives_where_the_map_says(maps, name, share):
+def test_light_of_a_point_arrives_where_the_map_says(name, share):
     """Reference: light sent from the scene to the sensor, and where a pinhole camera sees the point."""
-    lens, _, full = maps[name]
+    lens, full = wide_open(name), map_of(name, distortion=True)
     half_diagonal, depth = lens.prescription.image_radius, share * lens.focus_distance
     seen = 0.5 * np.array([0.8, -0.6])
     slope = seen * half_diagonal / lens.sensor_distance
@@ -76,21 +83,23 @@ def rays_to_the_stop(lens, distance):
     return rays, rays.sensor_slope[2] ** 4, goes_on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 @pytest.mark.parametrize("distance", [0.0, 0.4, 0.7, 0.95])
-def test_rims_pass_the_share_of_light_that_the_glass_passes(maps, name, distance):
+def test_rims_pass_the_share_of_light_that_the_glass_passes(name, distance):
     """Reference: traced rays, weighted by the cosines at the sensor; of the light through the stop."""
-    lens, aberration_map, _ = maps[name]
+    lens, aberration_map = wide_open(name), map_of(name)
     rays, light, goes_on = rays_to_the_stop(lens, distance)
     told = aberration_map(OTHER_DISC, np.broadcast_to([distance, 0.0], OTHER_DISC.shape))[2].mean()
     assert told == pytest.approx((light * rays.passes).sum() / (light * goes_on).sum(), abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["double_gauss", "telephoto", "retrofocus"])
 @pytest.mark.parametrize("distance", [0.0, 0.6])
-def test_aperture_coordinates_are_evenly_lit(maps, name, distance):
+def test_aperture_coordinates_are_evenly_lit(name, distance):
     """Reference: radiometry; light goes with the area in cosines at the sensor. Places in the stop fail."""
-    lens, _, full = maps[name]
+    lens, full = wide_open(name), map_of(name, distortion=True)
     rays, light, _ = rays_to_the_stop(lens, distance)
     field = np.broadcast_to([distance, 0.0], DISC.shape)
     passes = rays.passes

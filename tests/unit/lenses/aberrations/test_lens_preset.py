@@ -1,12 +1,14 @@
 """Lenses as looks."""
 
 import numpy as np
+import pytest
 
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.aberrations.lens_preset import lens_preset
 from bokehnet.lenses.aberrations.relative_illumination import relative_illumination
 
 
+@pytest.mark.slow
 def test_a_look_is_the_lens():
     """Authority: rays traced through the glass, for the blur of points and for the light in the corners.
 

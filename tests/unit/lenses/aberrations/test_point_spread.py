@@ -60,6 +60,7 @@ def test_the_perfect_map_gives_a_disc():
     assert psf[20:30, 20:30].mean() * math.pi * 20**2 == pytest.approx(1, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from skimage import data
 
 import bokehnet.classical.rays_renderer
 from bokehnet.classical.layered.layers import Layers
@@ -17,6 +16,7 @@ CHARACTER = LensResponse(aberration_map=AberrationSliders(coma=2.0, field_curvat
 
 def scene() -> tuple[np.ndarray, np.ndarray]:
     """A leaning ground, a post and a floating plate; most of the right half is plain ground."""
+    data = pytest.importorskip("skimage.data", reason="takes a photograph of scikit-image")
     image = (data.astronaut()[100:228, 100:420] / 255.0).astype(np.float32)
     defocus = np.tile(np.linspace(-3, -5, 320, dtype=np.float32), (128, 1))
     defocus[20:, 30:38] = 8
