@@ -36,6 +36,7 @@ from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,
     DeviceName,
+    EngineName,
     LensSettings,
     RenderSettings,
     check_engine,
@@ -88,7 +89,7 @@ class BokehRenderer:
 
     def __init__(
         self,
-        engine: str | None = None,
+        engine: EngineName | None = None,
         *,
         aperture: Aperture | None = None,
         lens_response: LensResponse | None = None,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import cast
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import Scene
 from bokehnet.scores.flip import flip_map
 from bokehnet.scores.similarity import psnr, ssim_map
-from bokehnet.settings.settings import RenderSettings
+from bokehnet.settings.settings import EngineName, RenderSettings
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.peak_memory import PeakMemory
 
@@ -124,7 +125,7 @@ def compare_engines(
         raise ParameterError("engines", "one or more engines, each once", shown=shown)
     for name in engines:  # check all before the first one renders
         check_choice("engines", name, (*ENGINES, *BASELINES))
-        BokehRenderer(name).check(settings)
+        _renderer(name).check(settings)
     if truth is not None:
         check_same_size("image", scene.image, "truth", truth)
         if min(truth.shape[:2]) < _MIN_SIDE_PX:
@@ -143,7 +144,7 @@ def compare_engines(
 def _run_engine(
     scene: Scene, settings: RenderSettings, engine: str, truth: np.ndarray | None
 ) -> EngineComparison:
-    renderer = BokehRenderer(engine)
+    renderer = _renderer(engine)
     renderer.warm_up(settings)
     peak, start = PeakMemory(), perf_counter()
     rendered = renderer.render(scene, settings)
@@ -166,6 +167,11 @@ def _run_engine(
         flip=float(flip_map(expected, actual).mean()),
     )
     return replace(result, scores=scores, error=np.abs(expected - actual).mean(axis=2))
+
+
+def _renderer(engine: str) -> BokehRenderer:
+    """Return the renderer of an engine, or of a method of the literature, which no type lists."""
+    return BokehRenderer(cast(EngineName, engine))
 
 
 def largest_difference_crops(
