@@ -50,6 +50,7 @@ def test_a_lens_that_does_more_is_left_to_the_rays():
     assert chromatic_fringes(fringes(axial=90.0), 1000) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strengths", [(3.0, 3.0), (6.0, 0.0), (0.0, 6.0)])
 @pytest.mark.parametrize("defocus", [-6.0, 0.0, 4.0])
 def test_a_plane_is_nearer_to_its_rays_than_as_many_as_are_sent(strengths, defocus, monkeypatch):

@@ -86,7 +86,9 @@ CHARACTERS = {
 
 
 @pytest.mark.parametrize("name", CHARACTERS)
-@pytest.mark.parametrize("defocus", [-7.0, 0.0, 7.0])
+@pytest.mark.parametrize(
+    "defocus", [pytest.param(-7.0, marks=pytest.mark.slow), pytest.param(0.0, marks=pytest.mark.slow), 7.0]
+)
 def test_a_plane_looks_as_its_rays_say(name, defocus):
     image, lens_response = picture(), CHARACTERS[name]
     found = rays(image, np.full((HEIGHT, WIDTH), defocus, np.float32), lens_response=lens_response)

@@ -102,6 +102,7 @@ def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_met
     assert_rendered_through(cli, [*SCENE, "--lens", "petzval", *options], defocus, aberration_map)
 
 
+@pytest.mark.slow
 def test_a_lens_darkens_the_corners_unless_told_not_to(folder, cli):
     """Authority: the light of the traced lens, which has its own test, at the place of each pixel."""
     outcomes = [
@@ -132,6 +133,7 @@ def read_metres(folder):
     return read
 
 
+@pytest.mark.slow
 def test_the_lens_adds_to_sliders_and_to_a_leaning_focus(folder, cli):
     """Three sources of one map: each of them changes the picture."""
     words = [*PHOTO, "--lens", "petzval"]
@@ -144,6 +146,7 @@ def test_the_lens_adds_to_sliders_and_to_a_leaning_focus(folder, cli):
             assert np.abs(first - second).max() > 0.02
 
 
+@pytest.mark.slow
 def test_frames_of_a_pull_take_the_lens_as_it_is_focused_then(folder, cli):
     """Frames 1 and 3 are those of single renders with the numbers of the ends."""
     words = [word for word in SCENE if word not in ("--f-number", 2.2)]

@@ -25,14 +25,24 @@ COMMANDS["depth"][0].extend(["--convention", "tiny.toml"])
 COMMANDS["trace"][0].extend(["--height", 16])
 
 
+EXTRAS = {"export": "onnx", "trace": "torch"}
+
+
 @pytest.fixture
-def words(folder, write_red_network, request):
+def words(folder, request):
+    if request.param in EXTRAS:
+        pytest.importorskip(EXTRAS[request.param], reason="needs the extra train")
     if request.param == "depth":
-        write_red_network(folder)
+        request.getfixturevalue("write_red_network")(folder)
     return COMMANDS[request.param]
 
 
-every = pytest.mark.parametrize("words", COMMANDS, indirect=True)
+SLOW = ("lens", "export", "trace")
+every = pytest.mark.parametrize(
+    "words",
+    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in COMMANDS],
+    indirect=True,
+)
 
 
 @every

@@ -76,6 +76,7 @@ def test_equal_frames_of_a_shot_give_equal_files(noisy, cli):
     assert len(set(bytes_of(noisy).values())) == 1
 
 
+@pytest.mark.slow
 def test_processes_and_later_runs_give_the_same_files(noisy, cli):
     assert cli(*SHOT).code == 0
     whole = bytes_of(noisy)

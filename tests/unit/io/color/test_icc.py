@@ -17,7 +17,8 @@ LEVELS = 0.75
 
 def shown_by_littlecms(profile, stored):
     """sRGB of 8-bit colours (n, 3), media-relative, as LittleCMS computes them."""
-    from PIL import Image, ImageCms
+    Image = pytest.importorskip("PIL.Image", reason="converts with LittleCMS")  # noqa: N806
+    ImageCms = pytest.importorskip("PIL.ImageCms", reason="converts with LittleCMS")  # noqa: N806
 
     srgb = ImageCms.createProfile("sRGB")
     given = ImageCms.ImageCmsProfile(io.BytesIO(profile))

@@ -53,7 +53,7 @@ def test_alpha_is_a_fourth_channel(tmp_path):
 
 
 def test_pillow_reads_what_is_written(tmp_path):
-    from PIL import Image
+    Image = pytest.importorskip("PIL.Image", reason="reads files with Pillow")  # noqa: N806
 
     values = np.random.default_rng(0).normal(size=(300, 5)).astype(np.float32)  # more rows than a band
     write_map(tmp_path / "a.pfm", values)
