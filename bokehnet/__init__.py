@@ -17,4 +17,7 @@ _OLD_NAMES = {"DisparityRefiner": "DisparityRepair", "hidden_layer": "occluded_b
 
 
 def __getattr__(name: str) -> Any:
-    return _load(_OLD_NAMES.get(name, name))
+    name = _OLD_NAMES.get(name, name)
+    if name not in __all__:  # and no package below, which Python sets as an attribute once imported
+        raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")
+    return _load(name)

@@ -106,7 +106,7 @@ def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(tmp_path)
     process = start(twice(line))
     _, errors = process.communicate(timeout=120)
     assert process.returncode != 0
-    assert errors.count("stopped at step 6 of 12; run the same command again to go on") == 1
+    assert errors.count("stopped at step 6 of 12; run the same command again to resume") == 1
     assert load_checkpoint(tmp_path / "cut/last.pt")["step"] == 6
     finish(line)
     assert largest_difference(tmp_path / "whole", tmp_path / "cut") < 2e-6

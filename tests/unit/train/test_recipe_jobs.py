@@ -58,7 +58,7 @@ def test_trainings_side_by_side_stop_with_a_checkpoint_and_do_not_outlive_the_re
     recipe.send_signal(signal.SIGTERM)
     said, errors = recipe.communicate(timeout=60)
     assert recipe.returncode == 130, errors
-    assert "stopped; run the same command again to go on" in errors
+    assert "stopped; run the same command again to resume" in errors
     assert "Traceback" not in errors
     assert re.findall(r"^(\S+): done", said, re.MULTILINE) == ["data/planes", "data/planes_val"]
     done = {"data/planes": True, "data/planes_val": True, "runs/one": False, "runs/two": False}
