@@ -16,6 +16,8 @@ from tests.unit.io.phone_files import encode, gdepth_photo
 onnx = pytest.importorskip("onnx", reason="writes networks with onnx, of the extra train")
 TensorProto, helper = onnx.TensorProto, onnx.helper
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "docs/use/examples.md")
 TEXT = "\n".join((ROOT / page).read_text(encoding="utf-8") for page in PAGES)

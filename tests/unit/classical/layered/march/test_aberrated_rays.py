@@ -49,6 +49,7 @@ def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersiv
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pupil_aberration", [False, True])
 @pytest.mark.parametrize("dispersive", [False, True])
 def test_eight_rays_go_where_the_map_sends_each(pupil_aberration, dispersive):
@@ -78,6 +79,7 @@ def test_eight_rays_go_where_the_map_sends_each(pupil_aberration, dispersive):
             np.testing.assert_allclose(found[2:, lane], run, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_bounds_hold_for_every_ray():
     rng = np.random.default_rng(6)
     aberration_map = random_pencil(rng, pupil_aberration=True, dispersive=True)
