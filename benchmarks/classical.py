@@ -27,7 +27,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
-from train.metrics import compare
+from train.scores.metrics import compare
 
 BLUR, FOCUS = 60.0, 90 / 255
 LOOP, GEGL = "double loop", "GEGL lens-blur"

@@ -1,7 +1,7 @@
 """Quality on path-traced scenes of an independent renderer: ``python -m benchmarks.cycles FOLDER``.
 
-FOLDER holds scenes in the layout of :func:`train.evaluation_sets.path_traced_pictures`. PSNR and SSIM are
-those of :mod:`train.metrics`; ``python -m train.evaluate`` prints more scores.
+FOLDER holds scenes in the layout of :func:`train.scores.evaluation_sets.path_traced_pictures`. PSNR and SSIM
+are those of :mod:`train.scores.metrics`; ``python -m train.evaluate`` prints more scores.
 """
 
 import argparse
@@ -13,10 +13,10 @@ from benchmarks.figures import write_figures
 from benchmarks.quality import Engine, print_header, print_scores, score
 from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
-from train.evaluation_sets import path_traced_shots as read_shots
-from train.evaluation_sets import scene_folders
-from train.methods import Method
-from train.metrics import mean_scores
+from train.scores.evaluation_sets import path_traced_shots as read_shots
+from train.scores.evaluation_sets import scene_folders
+from train.scores.methods import Method
+from train.scores.metrics import mean_scores
 
 _COLUMNS = {
     "psnr": ("PSNR", ".2f"),

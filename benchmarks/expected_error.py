@@ -19,8 +19,8 @@ from scipy.stats import spearmanr
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
-from train.degradation import DEGRADATIONS, degrade
-from train.evaluation_sets import SETS, Shot, list_pictures
+from train.data.degradation import DEGRADATIONS, degrade
+from train.scores.evaluation_sets import SETS, Shot, list_pictures
 from train.train_error import reliability, true_error
 
 # Side of the blocks, pixels, and the minimum fraction of a block near edges.

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from train.evaluation_sets import Shot
-from train.metrics import compare, mean_scores
+from train.scores.evaluation_sets import Shot
+from train.scores.metrics import compare, mean_scores
 
 __all__ = ["COLUMNS", "Engine", "print_header", "print_scores", "score"]
 

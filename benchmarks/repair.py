@@ -1,8 +1,8 @@
 """Edge PSNR of faulty maps with and without repair: ``python -m benchmarks.repair FOLDER [--faults moved]``.
 
-FOLDER holds path-traced scenes in the layout of :func:`train.evaluation_sets.path_traced_shots`. Each fault
-is applied to the true map; the rays render it unrepaired, repaired everywhere and by ``auto``. Edge PSNR in
-dB.
+FOLDER holds path-traced scenes in the layout of :func:`train.scores.evaluation_sets.path_traced_shots`. Each
+fault is applied to the true map; the rays render it unrepaired, repaired everywhere and by ``auto``. Edge
+PSNR in dB.
 """
 
 import argparse
@@ -18,9 +18,9 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.edge_bias import shift_edges
 from bokehnet.depth_repair.map_offset import translate_map
 from bokehnet.depth_repair.repair import DisparityRepair, RepairMode
-from train.degradation import DEGRADED, degrade
-from train.evaluation_sets import path_traced_shots, scene_folders
-from train.metrics import compare
+from train.data.degradation import DEGRADED, degrade
+from train.scores.evaluation_sets import path_traced_shots, scene_folders
+from train.scores.metrics import compare
 
 __all__ = ["FAULTS"]
 
@@ -48,7 +48,7 @@ def noisy(values: np.ndarray, level: float) -> np.ndarray:
 
 
 def half_wrong(values: np.ndarray, kind: str) -> np.ndarray:
-    """Return a map (H, W) whose left half is degraded by a kind of :mod:`train.degradation`."""
+    """Return a map (H, W) whose left half is degraded by a kind of :mod:`train.data.degradation`."""
     left = np.arange(values.shape[1]) < values.shape[1] // 2
     return np.where(left, degrade(values, kind), values)
 

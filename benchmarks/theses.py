@@ -2,8 +2,8 @@
 
 Prints the faults of each method on probes with known blur (:mod:`benchmarks.fault_probes`), its time and
 memory, its flicker on a pan (:mod:`benchmarks.experiments.pan`), and its scores on the path-traced scenes in
-FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default ``../shared/cycles``): PSNR within the
-blur's reach of a depth step and over all pixels, FLIP, and seconds; then everything as one table
+FOLDER (:func:`train.scores.evaluation_sets.path_traced_pictures`; default ``../shared/cycles``): PSNR within
+the blur's reach of a depth step and over all pixels, FLIP, and seconds; then everything as one table
 (:mod:`benchmarks.theses_table`), which ``--table JSON ...`` prints from saved runs. Methods that support only
 discs render discs where a shot has blades.
 """
@@ -27,8 +27,8 @@ from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.scores.flip import flip_map
-from train.evaluation_sets import Shot, path_traced_shots
-from train.metrics import depth_step_pixels, encode, psnr
+from train.scores.evaluation_sets import Shot, path_traced_shots
+from train.scores.metrics import depth_step_pixels, encode, psnr
 
 __all__ = ["METHODS", "SCENES", "render_with", "score_shot"]
 

@@ -17,8 +17,8 @@ from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_
 from bokehnet.synth import SceneConfig, SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
-from train.evaluation_sets import Shot
-from train.metrics import compare
+from train.scores.evaluation_sets import Shot
+from train.scores.metrics import compare
 
 __all__ = ["LAMPS", "PLANES", "read_traced"]
 

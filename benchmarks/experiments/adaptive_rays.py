@@ -15,7 +15,7 @@ import torch
 from bokehnet.raytrace.adaptive import advance_adaptive
 from bokehnet.raytrace.tracer import Accumulation
 from bokehnet.scenes import SceneJob, read_scene
-from train.metrics import encode, psnr
+from train.scores.metrics import encode, psnr
 
 METHODS = ("even", "by variance", "views")
 

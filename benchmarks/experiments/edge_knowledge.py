@@ -1,10 +1,10 @@
 """Gain from known edges: ``python -m benchmarks.experiments.edge_knowledge FOLDER``.
 
-FOLDER holds path-traced scenes in the layout of :func:`train.evaluation_sets.path_traced_pictures`; those
-with ``image_4x.exr`` and ``depth_4x.exr``, at four times the resolution, are rendered from one sample per
-pixel, with ``input.supersampled``, and entirely at four times the resolution with the pixel filter of the
+FOLDER holds path-traced scenes in the layout of :func:`train.scores.evaluation_sets.path_traced_pictures`;
+those with ``image_4x.exr`` and ``depth_4x.exr``, at four times the resolution, are rendered from one sample
+per pixel, with ``input.supersampled``, and entirely at four times the resolution with the pixel filter of the
 truth, which gives the gain from exact edges. The last lines of a scene are the fractions of that gain. Edge
-PSNR is that of :mod:`train.metrics`; seconds are processor time from the read scene to the picture.
+PSNR is that of :mod:`train.scores.metrics`; seconds are processor time from the read scene to the picture.
 """
 
 import argparse
@@ -30,8 +30,8 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.depth.depth_source import DefocusMap
-from train.evaluation_sets import path_traced_shots, scene_folders
-from train.metrics import compare
+from train.scores.evaluation_sets import path_traced_shots, scene_folders
+from train.scores.metrics import compare
 
 # Label -> picture, map and supersampling factor.
 _INPUTS = {

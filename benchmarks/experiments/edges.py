@@ -28,7 +28,7 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.pixels.pixel_filter import parse_pixel_filter
-from train.evaluation_sets import path_traced_shots, scene_folders
+from train.scores.evaluation_sets import path_traced_shots, scene_folders
 
 SHARED = Path("../shared")
 FILTERS = ("blackman-harris", "box", "gaussian", "mitchell")

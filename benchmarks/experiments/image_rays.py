@@ -3,8 +3,8 @@
 Run ``python -m benchmarks.experiments.image_rays``.
 
 The scenes are those of :mod:`benchmarks.experiments.true_layers`. Times are processor seconds at 64 rays per
-pixel; ``lost`` is the fraction of rays without a hit; edge PSNR is that of :mod:`train.metrics`. For umbra
-culling, prints the fraction of removed surfaces behind the first, and the remaining number of layers.
+pixel; ``lost`` is the fraction of rays without a hit; edge PSNR is that of :mod:`train.scores.metrics`. For
+umbra culling, prints the fraction of removed surfaces behind the first, and the remaining number of layers.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from bokehnet.baselines.rays.image_based_rays import trace_height_fields
 from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.optics.coc import defocus_from_disparity
-from train.metrics import compare
+from train.scores.metrics import compare
 
 _SAMPLES = 64
 

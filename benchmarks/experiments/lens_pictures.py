@@ -26,7 +26,7 @@ from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.raytrace import Camera, Plane, Scene, Tracer, background_from, plane_texture, world_from_scene
 from bokehnet.raytrace.surfaces.textures import checkers, dead_leaves, fractal_colours, glyph_page
 from bokehnet.tools.contact_sheet import contact_sheet
-from train.metrics import edge_pixels, encode, psnr
+from train.scores.metrics import edge_pixels, encode, psnr
 
 __all__ = ["main"]
 

@@ -19,7 +19,7 @@ from bokehnet.baselines.rays.n_buffers import n_buffers
 from bokehnet.baselines.rays.subsample_blur import subsample_blur
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens
-from train.metrics import encode, psnr, similarity
+from train.scores.metrics import encode, psnr, similarity
 
 _PICTURE = Picture(width=320, height=240, pixel_pitch=36 / 320)
 _LENS = ThinLens(focal_length=85.0, f_number=1.2, focus_distance=1500.0)

@@ -3,9 +3,10 @@
 Run ``python -m benchmarks.experiments.night``.
 
 Draws scenes from seeds: dark objects on the ground with small lamps. The truth is traced through the lens,
-    with rays aimed at the lamps. Prints, for three focus positions, PSNR at edges (:mod:`train.metrics`) and
-    PSNR of log(1 + light) over all pixels. :mod:`benchmarks.experiments.lamps` measures the light
-    conservation of single lamps. ``--save FOLDER`` saves the inputs and truths for other renderers.
+    with rays aimed at the lamps. Prints, for three focus positions, PSNR at edges
+    (:mod:`train.scores.metrics`) and PSNR of log(1 + light) over all pixels.
+    :mod:`benchmarks.experiments.lamps` measures the light conservation of single lamps. ``--save FOLDER``
+    saves the inputs and truths for other renderers.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.lamps import add_lamps
 from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.pairs import lens_for_view
-from train.metrics import compare, psnr
+from train.scores.metrics import compare, psnr
 
 _BLUR, _MAX_DISPARITY = 24.0, 0.85
 _FOCI = {"near": 0.8, "middle": 0.45, "far": 0.1}

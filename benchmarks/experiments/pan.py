@@ -11,7 +11,7 @@ from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
-from train.metrics import encode
+from train.scores.metrics import encode
 
 __all__ = ["Frame", "flicker", "pan"]
 

@@ -5,7 +5,7 @@ Run ``python -m benchmarks.experiments.selective_rays``.
 Draws three scenes from seeds, a room, open land and a table, whose triangles Embree intersects. The truth has
 1024 rays per pixel, full rays have 64. Hybrids may send 35 % of that; each is followed by full rays of equal
 processor time. The last hybrid uses the rays engine as post-process, and traces rays into the scene where
-:mod:`bokehnet.engines.expected_error` expects an error. Edge PSNR is that of :mod:`train.metrics`.
+:mod:`bokehnet.engines.expected_error` expects an error. Edge PSNR is that of :mod:`train.scores.metrics`.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from bokehnet.synth.clutter.baked_scene import BakedScene, View
 from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
-from train.metrics import compare
+from train.scores.metrics import compare
 
 _WIDTH, _HEIGHT = 192, 144
 _BLUR, _FOCUS = 24.0, 0.45

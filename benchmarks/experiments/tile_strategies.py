@@ -16,8 +16,8 @@ from bokehnet import baselines
 from bokehnet.baselines.gather.half_size import extreme_of_four
 from bokehnet.baselines.gather.scatter_as_you_gather import tile_strategies
 from bokehnet.baselines.gather.tiles import dilated_tiles
-from train.evaluation_sets import path_traced_shots
-from train.metrics import depth_step_pixels, encode, psnr
+from train.scores.evaluation_sets import path_traced_shots
+from train.scores.metrics import depth_step_pixels, encode, psnr
 
 _TILE = 16
 

@@ -2,7 +2,7 @@
 
 Draws scenes from seeds: emissive cards, peeled by :func:`bokehnet.raytrace.peeling.peel`, and objects on the
     ground, whose triangles Embree intersects one after the other. The truth is traced through the lens;
-edge PSNR is that of :mod:`train.metrics`.
+edge PSNR is that of :mod:`train.scores.metrics`.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from bokehnet.synth.clutter.baked_scene import BakedScene, View, sensor_xy
 from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
-from train.metrics import compare
+from train.scores.metrics import compare
 
 _WIDTH, _HEIGHT = 160, 128
 BLUR, _LAYERS = 14.0, 6

@@ -12,7 +12,7 @@ from benchmarks.theses_table import merged, table
 from bokehnet.baselines import BASELINES
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
-from train.metrics import encode
+from train.scores.metrics import encode
 
 
 def test_the_profile_is_the_share_of_a_disc_on_one_side():

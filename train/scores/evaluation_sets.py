@@ -34,7 +34,8 @@ class Shot:
         truth: True picture with bokeh, (H, W, 3).
         disparity: Inverse depth, (H, W), any unit; 0 is infinitely far.
         aperture: Aperture shape.
-        noise: Scores of :func:`train.metrics.compare` for an error equal to the noise of the truth, if known.
+        noise: Scores of :func:`train.scores.metrics.compare` for an error equal to the noise of the truth, if
+            known.
     """
 
     image: np.ndarray

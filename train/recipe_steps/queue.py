@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from train.recipe_plan import Recipe, Step
+from train.recipe_steps.plan import Recipe, Step
 
 __all__ = ["Queue", "expected_seconds"]
 

@@ -23,7 +23,7 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader
 
 from bokehnet.errors import ConfigError, DataFileError, ParameterError
-from train.stopping import leave_signals_to_the_parent
+from train.run.stopping import leave_signals_to_the_parent
 
 __all__ = ["Processes", "joined"]
 

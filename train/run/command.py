@@ -11,8 +11,8 @@ import torch
 
 from bokehnet.config import load_config, parse_settings
 from bokehnet.errors import BokehnetError
-from train.distributed import Processes, joined
-from train.stopping import Stopped
+from train.run.distributed import Processes, joined
+from train.run.stopping import Stopped
 
 __all__ = ["add_settings", "run_command", "settings_of"]
 

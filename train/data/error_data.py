@@ -14,9 +14,9 @@ from bokehnet.classical.rays_renderer import scatter_beyond
 from bokehnet.errors import DataFileError
 from bokehnet.models.error import FEATURES
 from bokehnet.optics.aperture import Aperture
-from train.data import CropsConfig, best_window
-from train.examples import Skips
-from train.prepared import PLANES, PreparedSet
+from train.data.crops import CropsConfig, best_window
+from train.data.examples import Skips
+from train.data.prepared import PLANES, PreparedSet
 
 __all__ = ["ERROR_PARTS", "ErrorCrops", "ErrorDataConfig", "as_tensors", "error_parts"]
 

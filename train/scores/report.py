@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from train.degradation import DEGRADED
-from train.metrics import BANDS, band_label
+from train.data.degradation import DEGRADED
+from train.scores.metrics import BANDS, band_label
 
 __all__ = ["TABLES", "Row", "as_json", "differences", "excess", "format_table", "mean_rows"]
 

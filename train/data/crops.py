@@ -8,8 +8,8 @@ from torch import Tensor
 
 from bokehnet.arrays.pyramid import count_halvings, downsample2
 from bokehnet.errors import DataFileError, ParameterError
-from train.examples import Skips
-from train.prepared import PLANES, PreparedSet
+from train.data.examples import Skips
+from train.data.prepared import PLANES, PreparedSet
 
 __all__ = ["CropsConfig", "DataConfig", "PreparedCrops", "best_window"]
 

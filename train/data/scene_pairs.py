@@ -10,7 +10,7 @@ from torch import Tensor
 
 from bokehnet.errors import DataFileError
 from bokehnet.synth.shards import ShardSet, TrainingSample
-from train.examples import Examples, Skips
+from train.data.examples import Examples, Skips
 
 __all__ = ["HeldOut", "ScenePairs"]
 

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
-from train.distributed import Processes
-from train.learner import Learner, LossOf
-from train.logbook import Logbook
-from train.run_folder import RunFolder
+from train.run.distributed import Processes
+from train.run.learner import Learner, LossOf
+from train.run.logbook import Logbook
+from train.run.run_folder import RunFolder
+from train.run.stopping import Stopped, stop_requests
 from train.schedule import OptimConfig
-from train.stopping import Stopped, stop_requests
 
 __all__ = ["OptimConfig", "Stopped", "train"]
 
@@ -37,8 +37,8 @@ def train(
 ) -> Path:
     """Train ``network`` to the end of its schedule, or resume an interrupted run.
 
-    With several processes (see ``train.distributed``) all call this with the same arguments; the first one
-    writes and validates.
+    With several processes (see ``train.run.distributed``) all call this with the same arguments; the first
+    one writes and validates.
 
     Args:
         name: Name of the network in checkpoints.

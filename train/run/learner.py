@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.errors import ParameterError
-from train.distributed import Processes
+from train.run.distributed import Processes
 from train.schedule import AveragedWeights, OptimConfig, learning_rate
 
 __all__ = ["FiniteGuard", "Learner", "LossOf", "has_bfloat16"]

@@ -8,9 +8,9 @@ from typing import Any
 import torch
 
 from bokehnet.models.checkpoint import build_network, load_weights
-from train.examples import Source, example_loader
-from train.learner import LossOf
-from train.loop import Validate, train
+from train.data.examples import Source, example_loader
+from train.run.learner import LossOf
+from train.run.loop import Validate, train
 
 __all__ = ["Task", "run_task"]
 

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from bokehnet.synth.shards import TrainingSample
-from train.augmentation import augment_disparity
-from train.scene_pairs import HeldOut, ScenePairs
+from train.data.augmentation import augment_disparity
+from train.data.scene_pairs import HeldOut, ScenePairs
 
 __all__ = ["RepairDataConfig", "busy_window", "held_out_repairs", "repair_pair", "repair_source"]
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.atomic import write_text
-from train.recipe_plan import Recipe, Step
-from train.recipe_queue import expected_seconds
+from train.recipe_steps.plan import Recipe, Step
+from train.recipe_steps.queue import expected_seconds
 
 __all__ = ["Progress", "time_in_words"]
 

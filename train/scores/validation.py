@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from bokehnet.coarse_to_fine import RefineNetwork, render_neural
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.io.color.srgb import linear_to_srgb
-from train.logbook import over_held_out
-from train.metrics import compare, mean_scores
-from train.prepared import PLANES, PreparedSet
+from train.data.prepared import PLANES, PreparedSet
+from train.run.logbook import over_held_out
+from train.scores.metrics import compare, mean_scores
 
 __all__ = ["HeldOut", "held_out_examples", "score_coarse_to_fine"]
 
