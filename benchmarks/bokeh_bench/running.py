@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.theses import render_with
+from benchmarks.quality.theses import render_with
 from bokehnet.errors import DataFileError, ParameterError
 from bokehnet.io.image import read_image
 from bokehnet.scores.flip import flip_map
