@@ -17,7 +17,7 @@ from bokehnet.io.maps import depth_to_mm
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 from bokehnet.optics.coc import disparity_from_depth
-from bokehnet.optics.over import transmittance
+from bokehnet.optics.pixels.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 
 __all__ = ["LayeredDepth", "flattened", "make_layers", "read_layers"]
