@@ -6,12 +6,12 @@ the command line thus follow the same rules and raise the same errors.
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from inspect import Parameter, Signature, signature
-from typing import Annotated, Any
+from functools import wraps
+from typing import Any
 
-import typer
-from typer.core import TyperCommand, TyperGroup
+import click
 
+from bokehnet.cli.parser import SectionedOption, completion
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import Group, Setting, field_settings
@@ -19,15 +19,7 @@ from bokehnet.settings.preset import load_preset
 from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import read_toml, settings_from_table
 
-__all__ = [
-    "OptionValues",
-    "QuickGroup",
-    "SectionedCommand",
-    "message_of",
-    "resolved_settings",
-    "with_option_names",
-    "with_options",
-]
+__all__ = ["OptionValues", "message_of", "resolved_settings", "with_option_names", "with_options"]
 
 # Values of the options on the command line, by group and field.
 OptionValues = dict[str, dict[str, Any]]
@@ -36,69 +28,35 @@ OptionValues = dict[str, dict[str, Any]]
 _QUOTED = re.compile(r"`([^`]+)`")
 
 
-class _NoConversion:
-    """Replacement for typer's converters, which need pydantic: its import alone takes 0.1 s."""
-
-    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
-        return value
-
-
-class _RawWords:
-    """Mixin that passes command-line words through as text.
-
-    The attribute is private to typer; without it everything works, but more slowly.
-    """
-
-    def get_params(self, ctx: Any) -> Any:
-        parameters = super().get_params(ctx)  # type: ignore[misc]
-        for parameter in parameters:
-            parameter._runtime_param = _NoConversion()
-        return parameters
-
-
-class QuickGroup(_RawWords, TyperGroup):
-    """Group of all commands, without argument conversion."""
-
-
-class SectionedCommand(_RawWords, TyperCommand):
-    """Command whose help has one section per group of options."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the sections in the order of definition."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for parameter in self.get_params(ctx):
-            if record := parameter.get_help_record(ctx):  # None if hidden
-                title = "Arguments" if parameter.param_type_name == "argument" else "General"
-                title = getattr(parameter, "rich_help_panel", None) or title
-                sections.setdefault(title, []).append(record)
-        for title, rows in sections.items():
-            with formatter.section(title):
-                formatter.write_dl(rows)
-
-
 def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds all options of some groups of settings to a command.
 
-    The command's last parameter, ``option_values``, receives the values that the user set; its other
-    parameters stay arguments of their own.
+    The command's parameter ``option_values`` receives the values that the user set.
     """
     known = [item for group in groups for item in field_settings(group).values() if item.flag]
-    titles = {group.GROUP: group.TITLE for group in groups}
+    titles = {group.TITLE: group.GROUP for group in reversed(groups)}  # groups of one title share its name
+    by_group = {group.GROUP: group.TITLE for group in groups}
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        *own, _ = signature(function).parameters.values()
-
+        @wraps(function)
         def run(**words: Any) -> None:
-            function(**{item.name: words[item.name] for item in own}, option_values=_read(known, words))
+            own = {name: word for name, word in words.items() if _SEPARATOR not in name}
+            function(**own, option_values=_read(known, words))
 
-        parameters = [
-            *(item.replace(kind=Parameter.KEYWORD_ONLY) for item in own),
-            *(option for item in known for option in _parameters(item, titles[item.group])),
-        ]
-        run.__name__, run.__doc__ = function.__name__, function.__doc__
-        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {item.name: item.annotation for item in parameters}
-        return run
+        result: Callable[..., None] = run
+        for item in reversed(known):
+            title = by_group[item.group]
+            for names, hidden in reversed(list(_names(item))):
+                result = click.option(
+                    *names,
+                    cls=SectionedOption,
+                    group=titles[title],
+                    section=title,
+                    hidden=hidden,
+                    help=item.help,
+                    **_value_attributes(item),
+                )(result)
+        return result
 
     return decorate
 
@@ -131,34 +89,36 @@ def _flags() -> dict[str, str]:
     return by_name | {item.path: f"--{item.flag}" for item in known if item.flag}
 
 
-def _parameters(known: Setting, title: str) -> Iterator[Parameter]:
-    """Yield the option of a field, and hidden ones for earlier names and for ``--no-...`` of a boolean.
+# Between group, field and variant in the name of a parameter: `aperture__blades`.
+_SEPARATOR = "__"
 
-    All have the default None, which marks options that the user did not set.
+
+def _names(known: Setting) -> Iterator[tuple[list[str], bool]]:
+    """Yield the parameter name and flags of a field's option, and whether it is hidden.
+
+    Hidden are earlier names and ``--no-...`` of a boolean.
     """
-    is_boolean = known.type is bool
-    kind: Any = (
-        bool if is_boolean else str if known.parts == 1 else tuple.__class_getitem__((str,) * known.parts)
-    )
-    names = {
-        _key(known): [f"--{known.flag}"],
-        f"{_key(known)}__earlier": [f"--{flag}" for flag in known.aliases],
-        f"{_key(known)}__not": [f"--no-{known.flag}"] if is_boolean else [],
+    yield [_key(known), f"--{known.flag}"], False
+    if known.aliases:
+        yield [f"{_key(known)}__earlier", *(f"--{flag}" for flag in known.aliases)], True
+    if known.type is bool:
+        yield [f"{_key(known)}__not", f"--no-{known.flag}"], True
+
+
+def _value_attributes(known: Setting) -> dict[str, Any]:
+    """Return the parser attributes of a field's value: texts, as the field parses and checks them.
+
+    The default None marks options that the user did not set.
+    """
+    if known.type is bool:
+        return {"is_flag": True, "default": None}
+    metavar = _metavar(known)
+    files = "PATH" in metavar or "FILE" in metavar
+    return {
+        "type": click.STRING if known.parts == 1 else (click.STRING,) * known.parts,
+        "metavar": metavar,
+        "shell_complete": completion(lambda: known.choices, files=files),
     }
-    for name, flags in names.items():
-        if flags:
-            option = typer.Option(
-                *flags,
-                help=known.help,
-                metavar=None if is_boolean else _metavar(known),
-                rich_help_panel=title,
-                hidden=name != _key(known),
-                show_default=False,
-                autocompletion=_completion(known.choices),
-            )
-            yield Parameter(
-                name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, option]
-            )
 
 
 def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
@@ -180,15 +140,9 @@ def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
 
 
 def _key(known: Setting) -> str:
-    return f"{known.group}__{known.name}"
+    return f"{known.group}{_SEPARATOR}{known.name}"
 
 
 def _metavar(known: Setting) -> str:
     words = {int: "N", float: "X", str: "TEXT"}
     return known.metavar or "|".join(known.choices) or words.get(known.type, "PATH")
-
-
-def _completion(choices: Sequence[str]) -> Callable[[str], list[str]] | None:
-    if not choices:
-        return None
-    return lambda incomplete: [word for word in choices if word.startswith(incomplete)]

@@ -1,17 +1,18 @@
 """``bokehnet info``: description of an image file."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 
 __all__ = ["info"]
 
 
+@click.command(cls=SectionedCommand)
+@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM.")
 def info(
-    file: Annotated[
-        Path, typer.Argument(help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM.")
-    ],
+    file: Path,
 ) -> None:
     """Print size, channels, colour space and depth range of an image."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
@@ -38,6 +39,6 @@ def info(
         ]
         rows[f"range of {name}"] = ", ".join([f"{values.lowest:g} to {values.highest:g}", *non_finite])
     width = max(map(len, rows))
-    typer.echo(file)
+    click.echo(file)
     for label, text in rows.items():
-        typer.echo(f"  {label:<{width}}  {text}")
+        click.echo(f"  {label:<{width}}  {text}")

@@ -2,10 +2,11 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
+from bokehnet.cli.parser import SectionedCommand, argument
 from bokehnet.errors import MissingExtraError, ModelFileError, ParameterError
 
 if TYPE_CHECKING:
@@ -14,9 +15,12 @@ if TYPE_CHECKING:
 __all__ = ["ensure_model", "models"]
 
 
+@click.command(cls=SectionedCommand)
+@argument("name", required=False, help="Network to describe. Default: list all.")
+@click.option("--get", is_flag=True, help="Download it; this accepts its licence.")
 def models(
-    name: Annotated[str | None, typer.Argument(help="Network to describe. Default: list all.")] = None,
-    get: Annotated[bool, typer.Option("--get", help="Download it; this accepts its licence.")] = False,
+    name: str | None,
+    get: bool,
 ) -> None:
     """List the depth networks that --depth-model accepts by name, describe one, or download it."""
     from bokehnet.inference.depth_models import depth_model_names, find_depth_model
@@ -27,7 +31,7 @@ def models(
             raise ParameterError("--get", expected="the name of a network before it", shown="none")
         width = max(len(model.name) for model in known)
         for model in known:
-            typer.echo(f"{model.name:{width}}  {_state(model):14}  {model.licence:13}  {model.about}")
+            click.echo(f"{model.name:{width}}  {_state(model):14}  {model.licence:13}  {model.about}")
         return
     selected = find_depth_model(name)
     if selected is None:
@@ -36,7 +40,7 @@ def models(
     if get:
         from bokehnet.inference.model_download import model_file
 
-        typer.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
+        click.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
         return
     rows = {
         "about": selected.about,
@@ -50,9 +54,9 @@ def models(
         "sha256": selected.sha256 or "not pinned",
     }
     for key, value in rows.items():
-        typer.echo(f"{key:11} {value}")
+        click.echo(f"{key:11} {value}")
     if selected.refusal:
-        typer.echo(f"{'refused':11} {selected.refusal}")
+        click.echo(f"{'refused':11} {selected.refusal}")
 
 
 def ensure_model(reference: Path | str | None) -> None:
@@ -81,8 +85,8 @@ def ensure_model(reference: Path | str | None) -> None:
         return
     agreed = downloads_allowed()
     if not agreed and sys.stdin.isatty() and sys.stderr.isatty():
-        typer.echo(consent_text(model), err=True)
-        agreed = typer.confirm("Download it?", err=True)
+        click.echo(consent_text(model), err=True)
+        agreed = click.confirm("Download it?", err=True)
         if not agreed:
             raise ModelFileError(f"{model.name}: download declined; any ONNX file can be used instead")
     model_file(model, allowed=agreed)

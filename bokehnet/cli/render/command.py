@@ -2,11 +2,12 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from bokehnet.cli.options import OptionValues, resolved_settings, with_options
+from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
@@ -20,40 +21,30 @@ if TYPE_CHECKING:
 __all__ = ["render"]
 
 
+@click.command(cls=SectionedCommand)
+@argument("image", metavar="IMAGE", help="All-in-focus picture or video; EXR and HDR are read as linear.")
+@click.option(
+    "--output", "-o", required=True, metavar="FILE", help="Output file; its extension sets the format."
+)
+@click.option(
+    "--preset",
+    metavar="NAME|FILE.toml",
+    help="Look: a name listed by `bokehnet presets`, or a file. Options override it.",
+    shell_complete=completion(presets),
+)
+@click.option("--settings", metavar="FILE.toml", help="Settings file. Preset and options override it.")
+@click.option("--quiet", "-q", is_flag=True, help="Print only errors. Default: a one-line summary.")
+@click.option("--verbose", "-v", is_flag=True, help="Print the time of each step as well, for each frame.")
+@click.option("as_json", "--json", is_flag=True, help="Print the summary as one JSON object to stdout.")
 @with_options([*group_types(), SequenceSettings, RunSettings])
 def render(
-    image: Annotated[
-        str,
-        typer.Argument(
-            metavar="IMAGE", help="All-in-focus picture or video; EXR and HDR are read as linear."
-        ),
-    ],
-    output: Annotated[
-        str,
-        typer.Option("--output", "-o", metavar="FILE", help="Output file; its extension sets the format."),
-    ],
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.toml",
-            help="Look: a name listed by `bokehnet presets`, or a file. Options override it.",
-            autocompletion=presets,
-        ),
-    ] = None,
-    settings: Annotated[
-        str | None,
-        typer.Option(metavar="FILE.toml", help="Settings file. Preset and options override it."),
-    ] = None,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print only errors. Default: a one-line summary.")
-    ] = False,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print the time of each step as well, for each frame.")
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the summary as one JSON object to stdout.")
-    ] = False,
-    *,
+    image: str,
+    output: str,
+    preset: str | None,
+    settings: str | None,
+    quiet: bool,
+    verbose: bool,
+    as_json: bool,
     option_values: OptionValues,
 ) -> None:
     """Render bokeh from an image and its depth or disparity.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import write_above
@@ -150,11 +150,11 @@ def make_summary_printer(*, quiet: bool, verbose: bool, as_json: bool) -> Summar
 
 
 def _print_line(text: str) -> None:
-    typer.echo(f"bokehnet: {text}", err=True)
+    click.echo(f"bokehnet: {text}", err=True)
 
 
 def _print_json(table: dict[str, Any]) -> None:
-    typer.echo(json.dumps(table, allow_nan=False))
+    click.echo(json.dumps(table, allow_nan=False))
 
 
 def _count(frames: int) -> str:

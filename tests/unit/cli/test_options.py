@@ -46,11 +46,9 @@ def picture(folder, cli):
 
 
 def render_command():
-    import typer
-
     from bokehnet.cli.app import app
 
-    return typer.main.get_command(app).commands["render"]
+    return app.commands["render"]
 
 
 def shown_flags(text):
@@ -111,31 +109,26 @@ def test_help_of_render_imports_nothing_heavy(python_process):
 
 
 def completed(words, tmp_path, last):
-    """What the shell is offered for the last word. Authority: typer's protocol for Bash."""
+    """What the shell is offered for the last word. Authority: click's protocol for Bash."""
     environment = {
         **os.environ,
-        "_BOKEHNET_COMPLETE": "complete_bash",
+        "_BOKEHNET_COMPLETE": "bash_complete",
         "COMP_WORDS": " ".join(words),
         "COMP_CWORD": str(last),
-        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
     }
-    source = (
-        "import sys; sys.argv[0] = 'bokehnet'; from bokehnet.cli.app import app; app(prog_name='bokehnet')"
-    )
+    source = "from bokehnet.cli.app import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=False
     )
     assert done.stderr == ""
-    return done.stdout.split()
+    return [line.partition(",")[2] for line in done.stdout.splitlines() if line.startswith("plain,")]
 
 
-def test_a_script_completes_in_the_shell(tmp_path, python_process, monkeypatch):
-    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
-    source = "from bokehnet.cli.app import main; import sys; sys.argv[0] = 'bokehnet'; main()"
-    outcome = python_process(source, "--show-completion", "bash")
+def test_a_script_completes_in_the_shell(cli):
+    outcome = cli("--show-completion", "bash")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "_BOKEHNET_COMPLETE=complete_bash" in outcome.out
-    assert "complete -o default -F _bokehnet_completion bokehnet" in outcome.out
+    assert "_BOKEHNET_COMPLETE=bash_complete" in outcome.out
+    assert "complete -o nosort -F _bokehnet_completion bokehnet" in outcome.out
 
 
 @pytest.mark.slow
