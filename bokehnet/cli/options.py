@@ -19,10 +19,36 @@ from bokehnet.settings.preset import load_preset
 from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import read_toml, settings_from_table
 
-__all__ = ["OptionValues", "message_of", "resolved_settings", "with_option_names", "with_options"]
+__all__ = [
+    "COMMON_OPTIONS",
+    "OptionValues",
+    "message_of",
+    "resolved_settings",
+    "with_option_names",
+    "with_options",
+]
 
 # Values of the options on the command line, by group and field.
 OptionValues = dict[str, dict[str, Any]]
+
+# Options of the short help texts, with shorter texts than those of the fields.
+COMMON_OPTIONS = {
+    "output": "Output file. Default: photo_bokeh.jpg for photo.jpg.",
+    "disparity": "Disparity map: bright is near.",
+    "depth": "Depth map in metres, EXR.",
+    "depth-model": "Network that estimates the depth.",
+    "focus-at": "Pixel in focus. Default: the subject.",
+    "focus": "Disparity in focus, 0 (far) to 1 (near).",
+    "focus-distance": "With --depth: distance in focus, metres.",
+    "blur": "Blur radius, pixels per unit of disparity.",
+    "f-number": "Aperture, such as 1.8.",
+    "blades": "Aperture blades. Default: a round aperture.",
+    "preset": "Look: a name of `bokehnet presets`, or a file.",
+    "lens": "Lens with its aberrations: a name, or a file.",
+    "engine": "rays (default), scatter (fastest) or hybrid.",
+    "repair-disparity": "Align edges of the map with the picture.",
+    "quiet": "Print only errors.",
+}
 
 # Field name in back quotes in a message, such as `aperture.blades`.
 _QUOTED = re.compile(r"`([^`]+)`")

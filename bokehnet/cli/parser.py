@@ -16,6 +16,9 @@ from bokehnet.errors import ParameterError
 
 __all__ = ["PATH", "Argument", "SectionedCommand", "SectionedOption", "argument", "completion"]
 
+# Maximum width of the names in a short help text.
+_COLUMN = 34
+
 # Path of a file or folder; nothing is checked, shells complete it.
 PATH = click.Path(path_type=Path)
 
@@ -52,8 +55,8 @@ class SectionedCommand(click.Command):
     """Command whose help has one section per group of options.
 
     Attributes:
-        common: Name without dashes and one-line help of each option in the short help text; empty for a
-            single complete text.
+        common: Name without dashes and one-line help of each option in the short help text, names of other
+            commands included; empty for a single complete text.
         examples: Command lines at the end of the short help text.
     """
 
@@ -62,7 +65,7 @@ class SectionedCommand(click.Command):
     ) -> None:
         super().__init__(*arguments, **attributes)
         self.common, self.examples = dict(common or {}), examples
-        if self.common:
+        if common:
             self.params.append(
                 click.Option(
                     ["--help-all"],
@@ -75,6 +78,14 @@ class SectionedCommand(click.Command):
                     help="Show all options and exit.",
                 )
             )
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the words of a command line; errors know the command."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx
+            raise
 
     def sections(self) -> dict[str, str]:
         """Return the title of each group of options by name."""
@@ -150,10 +161,11 @@ class SectionedCommand(click.Command):
         by_name = {name.lstrip("-"): item for item in parameters for name in item.opts}
         rows = [record for record in records if record is not None]
         for name, text in self.common.items():
-            if (record := by_name[name].get_help_record(ctx)) is not None:
+            record = by_name[name].get_help_record(ctx) if name in by_name else None
+            if record is not None:
                 rows.append((record[0], text))
         with formatter.section("Common options"):
-            formatter.write_dl(rows)
+            formatter.write_dl(rows, col_max=_COLUMN)
         with formatter.section("All options: --help-all, or --help GROUP with one of"):
             formatter.write_text(", ".join(self.sections()))
         if self.examples:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from bokehnet.cli.options import OptionValues, with_options
+from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, with_options
 from bokehnet.cli.parser import SectionedCommand, argument
 from bokehnet.errors import ParameterError
 from bokehnet.settings.scene_settings import EngineSettings, OutputSettings
@@ -12,8 +12,16 @@ from bokehnet.settings.settings import RenderSettings, group_types
 
 __all__ = ["compare"]
 
+_COMMON = COMMON_OPTIONS | {
+    "output": "Output file of the sheet.",
+    "truth": "Reference picture; adds scores and error images.",
+    "engines": "Engines or methods of the literature, joined by commas.",
+    "crop": "Crop to show, pixels.",
+    "html": "Web page that compares two pictures with a slider.",
+}
 
-@click.command(cls=SectionedCommand)
+
+@click.command(cls=SectionedCommand, common=_COMMON)
 @argument("image", metavar="IMAGE", help="All-in-focus picture, as for render.")
 @click.option("--output", "-o", required=True, metavar="FILE", help="Output file of the sheet.")
 @click.option(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bokehnet.cli.options import OptionValues, resolved_settings, with_options
+from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.settings.preset import presets
@@ -14,8 +14,14 @@ from bokehnet.settings.settings import group_types
 
 __all__ = ["studio"]
 
+_COMMON = COMMON_OPTIONS | {
+    "settings": "Initial settings, TOML.",
+    "port": "Local port. Default: any free port.",
+    "no-browser": "Print the address without opening a browser.",
+}
 
-@click.command(cls=SectionedCommand)
+
+@click.command(cls=SectionedCommand, common=_COMMON)
 @argument(
     "image", required=False, metavar="[IMAGE]", help="All-in-focus picture; can also be dropped on the page."
 )

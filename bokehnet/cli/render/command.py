@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bokehnet.cli.options import OptionValues, resolved_settings, with_options
+from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
@@ -20,11 +20,23 @@ if TYPE_CHECKING:
 
 __all__ = ["render"]
 
+_EXAMPLES = """
+bokehnet render photo.jpg --disparity map.png
+bokehnet render portrait.heic --f-number 1.4
+bokehnet render frame.exr --depth frame.exr --focus-distance 2 -o out.exr
+bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
+"""
 
-@click.command(cls=SectionedCommand)
-@argument("image", metavar="IMAGE", help="All-in-focus picture or video; EXR and HDR are read as linear.")
+
+@click.command(cls=SectionedCommand, common=COMMON_OPTIONS, examples=_EXAMPLES)
+@argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video.")
 @click.option(
-    "--output", "-o", required=True, metavar="FILE", help="Output file; its extension sets the format."
+    "--output",
+    "-o",
+    type=click.Path(),
+    metavar="FILE",
+    help="Output file; its extension sets the format. Default: photo_bokeh.jpg beside photo.jpg, with a "
+    "number if that file exists.",
 )
 @click.option(
     "--preset",
@@ -39,7 +51,7 @@ __all__ = ["render"]
 @with_options([*group_types(), SequenceSettings, RunSettings])
 def render(
     image: str,
-    output: str,
+    output: str | None,
     preset: str | None,
     settings: str | None,
     quiet: bool,
@@ -61,19 +73,35 @@ def render(
     from bokehnet.io.video.frames import is_video
 
     printer = make_summary_printer(quiet=quiet, verbose=verbose, as_json=as_json)
+    target = _output(image, output, sequence)
     if is_video(image):
         from bokehnet.cli.render.video import render_video
 
-        render_video(Path(image), Path(output), resolved, sequence, run, quiet=quiet, as_json=as_json)
+        render_video(Path(image), target, resolved, sequence, run, quiet=quiet, as_json=as_json)
         return
     if run.video_codec is not None:
         raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
-    job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
+    job = FrameJob(image=Path(image), output=target, settings=resolved)
     if sequence.frames is None:
         _check_single(job, sequence, run)
         _render_single(job, printer, quiet)
     else:
         _render_sequence(job, sequence, run, printer, quiet)
+
+
+def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
+    """Return the output file; its default name is free."""
+    if output is not None:
+        return Path(output)
+    if sequence.frames is not None:
+        raise ParameterError(
+            "--output", expected="a name with a placeholder for the frame, such as out.####.png", shown="none"
+        )
+    from bokehnet.cli.render.default_output import default_output
+    from bokehnet.io.output_format import IMAGE_EXTENSIONS
+    from bokehnet.io.video.frames import VIDEO_EXTENSIONS
+
+    return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
 
 
 def _check_single(job: "FrameJob", sequence: SequenceSettings, run: RunSettings) -> None:

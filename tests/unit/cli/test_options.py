@@ -55,12 +55,13 @@ def shown_flags(text):
     return set(re.findall(r"^  (?:-\w, )?--([a-z0-9-]+)", text, re.MULTILINE))
 
 
-@pytest.mark.parametrize("flag", ["-h", "--help"])
-def test_help_has_a_section_for_every_group(cli, flag):
-    outcome = cli("render", flag)
+@pytest.mark.parametrize("command", ["render", "studio"])
+def test_complete_help_has_a_section_for_every_group(cli, command):
+    outcome = cli(command, "--help-all")
     assert (outcome.code, outcome.err) == (0, "")
     titles = [line[:-1] for line in outcome.out.splitlines() if re.fullmatch(r"\S.*:", line)]
-    groups = [*(group.TITLE for group in group_types()), SequenceSettings.TITLE]
+    groups = [group.TITLE for group in group_types()]
+    groups += [SequenceSettings.TITLE] if command == "render" else []
     assert [title for title in titles if title in groups] == list(dict.fromkeys(groups))
     assert len(titles) == len(set(titles))
     assert max(map(len, outcome.out.splitlines())) <= 100
@@ -68,11 +69,49 @@ def test_help_has_a_section_for_every_group(cli, flag):
 
 def test_help_tells_every_setting_and_hides_the_earlier_names(cli):
     known = [*all_settings().values(), *field_settings(SequenceSettings).values()]
-    shown = shown_flags(cli("render", "-h").out)
+    shown = shown_flags(cli("render", "--help-all").out)
     assert {item.flag for item in known if item.flag} <= shown
     assert not {alias for item in known for alias in item.aliases} & shown
     assert "as-stored" not in shown
     assert not {flag for flag in shown if flag.startswith("no-")}
+
+
+@pytest.mark.parametrize("command", ["render", "compare", "studio"])
+def test_short_help_fits_a_screen_and_names_every_group(cli, command):
+    lines = cli(command, "--help").out.splitlines()
+    assert len(lines) <= 45
+    assert max(map(len, lines)) <= 80
+    known = all_settings().values()
+    shown = shown_flags("\n".join(lines))
+    assert {"disparity", "depth", "blur", "f-number", "focus-at"} <= shown
+    assert len(shown) <= 22
+    names = lines[next(i for i, line in enumerate(lines) if "--help-all" in line) :]
+    words = re.findall(r"[a-z]+", " ".join(names))
+    assert {item.group for item in known} - set(words) <= (
+        {"engine", "output"} if command == "compare" else set()
+    )
+
+
+def test_examples_of_the_short_help_parse(cli):
+    lines = cli("render", "--help").out.splitlines()
+    examples = [line.split()[2:] for line in lines if line.startswith("  bokehnet render ")]
+    assert len(examples) == 4
+    for words in examples:
+        render_command().make_context("render", words)
+
+
+@pytest.mark.parametrize("word", ["aperture", "blades"])
+def test_help_of_a_group_shows_its_options_only(cli, word):
+    outcome = cli("render", "--help", word)
+    known = [item for item in all_settings().values() if item.group == "aperture" and item.flag]
+    assert (outcome.code, outcome.err) == (0, "")
+    assert shown_flags(outcome.out) == {item.flag for item in known}
+
+
+def test_help_of_an_unknown_group_names_the_groups(cli):
+    outcome = cli("render", "--help", "apertur")
+    assert outcome.code == 1
+    assert "--help: expected one of input, depth, focus, camera, aperture" in outcome.err
 
 
 def test_every_earlier_option_is_still_there():
