@@ -80,7 +80,7 @@ def prepare(
             replace(scene.depth, values=values),
             settings_in_fine_pixels(settings, scene.supersampled),
         )
-        lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+        lens = focus_lens(depth, scene.window, fine.focus, fine.camera, scene.image)
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)

@@ -29,6 +29,7 @@ from bokehnet.optics.focus_plane import (
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
+from bokehnet.scene.focus_patch import surface_disparity
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
@@ -143,7 +144,13 @@ class FocusedLens:
         return defocus
 
 
-def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> FocusedLens:
+def focus_lens(
+    depth: DepthMap,
+    window: Window,
+    focus: FocusSettings,
+    camera: CameraSettings,
+    image: Array | None = None,
+) -> FocusedLens:
     """Return the lens of a scene with its focus and blur strength.
 
     Args:
@@ -151,6 +158,7 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         window: Position of its pixels in the shown picture.
         focus: Focus settings.
         camera: Camera settings.
+        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus.
 
     Raises:
         ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
@@ -167,26 +175,33 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
     metric = depth.kind == "metric"
     check_kind(focus, camera, metric=metric, origin=depth.origin)
     numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
-    plane = _tilted_plane(depth, window, focus, camera, numbers)
+    plane = _tilted_plane(depth, window, focus, camera, numbers, image)
     if focus.range is not None:
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
     else:
-        near = far = _focus_disparity(depth, window, focus, plane)
+        near = far = _focus_disparity(depth, window, focus, plane, image)
     blur = None if metric else camera.blur
     return FocusedLens(near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window)
 
 
 def disparity_at_pixel(
-    pixel: tuple[int, int], depth: DepthMap, window: Window, name: str = "focus.at"
+    pixel: tuple[int, int],
+    depth: DepthMap,
+    window: Window,
+    name: str = "focus.at",
+    image: Array | None = None,
 ) -> float:
-    """Return the value of a map at a pixel of the shown picture.
+    """Return the disparity of the surface under a pixel of the shown picture.
+
+    See :func:`bokehnet.scene.focus_patch.surface_disparity`.
 
     Args:
         pixel: Column and row, from the upper left corner.
         depth: Depth map in the size of the picture.
         window: Position of its pixels in the shown picture.
         name: Setting that names the pixel, for the message.
+        image: Scene-linear picture, (H, W, 3), whose colours separate surfaces; None uses the map alone.
 
     Raises:
         ParameterError: The file stores no such pixel.
@@ -207,7 +222,7 @@ def disparity_at_pixel(
         raise ParameterError(
             name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
         )
-    return float(depth.values[row, column])
+    return surface_disparity(depth.values, column, row, image)
 
 
 def disparity_of_distance(metres: float) -> float:
@@ -316,13 +331,14 @@ def _focus_disparity(
     window: Window,
     focus: FocusSettings,
     plane: Callable[[float], tuple[FocusPlane, float]] | None,
+    image: Array | None,
 ) -> float:
     """Return the disparity in focus; of a tilted plane, at its pivot or in the middle."""
     if focus.plane is not None:
         assert plane is not None
         return float(plane(0.0)[0].at(*_middle(window)))
     if focus.at is not None:
-        return disparity_at_pixel(focus.at, depth, window)
+        return disparity_at_pixel(focus.at, depth, window, image=image)
     if focus.value is not None:
         return focus.value
     if focus.distance is not None:
@@ -340,6 +356,7 @@ def _tilted_plane(
     focus: FocusSettings,
     camera: CameraSettings,
     numbers: LensNumbers | None,
+    image: Array | None,
 ) -> Callable[[float], tuple[FocusPlane, float]] | None:
     """Return the function from the pivot's disparity to the plane in focus and the blur, pixels per unit."""
     tilt = (focus.tilt_x, focus.tilt_y)
@@ -349,7 +366,7 @@ def _tilted_plane(
     pixel = middle if focus.at is None else focus.at
     picked = None
     if focus.plane is not None:
-        values = [disparity_at_pixel(corner, depth, window, "focus.plane") for corner in focus.plane]
+        values = [disparity_at_pixel(pixel, depth, window, "focus.plane", image) for pixel in focus.plane]
         picked = FocusPlane.through(focus.plane, values)
     check_rank("disparity", depth.values, 2, "(H, W)")
     if numbers is None:
