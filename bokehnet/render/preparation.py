@@ -84,6 +84,8 @@ def prepare(
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
+        if lens.subject is not None:
+            notes += (lens.subject.note(scene.window, scene.supersampled),)
         notes += unexpected_blur(scene.depth, ends, lens, values)
     choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image

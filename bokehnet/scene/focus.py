@@ -1,12 +1,12 @@
 """Focus and blur strength: conversion of settings and the depth map of a scene to defocus.
 
 The signed blur radius of a lens is linear in disparity. Any focus (a value, a distance, a pixel, a range, a
-tilted plane) thus becomes a disparity, or a plane of disparities, and a factor.
+tilted plane, the subject) thus becomes a disparity, or a plane of disparities, and a factor.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +28,14 @@ from bokehnet.optics.focus_plane import (
 )
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.camera import LensNumbers, complete_camera
-from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
+from bokehnet.scene.depth.depth_source import (
+    ConstantDisparity,
+    DepthMap,
+    EmbeddedDepth,
+    depth_source,
+)
 from bokehnet.scene.focus_patch import surface_disparity
+from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
@@ -55,6 +61,7 @@ class FocusedLens:
         window: Position of the map's pixels in the shown picture.
         tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
             that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.
+        subject: Subject that an automatic focus chose; None for a focus of the settings or the file.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -71,6 +78,7 @@ class FocusedLens:
     plane: Callable[[float], tuple[FocusPlane, float]] | None
     window: Window
     tilt_gradient: tuple[float, float] = (0.0, 0.0)
+    subject: Subject | None = None
 
     @property
     def distance(self) -> float | None:
@@ -158,7 +166,8 @@ def focus_lens(
         window: Position of its pixels in the shown picture.
         focus: Focus settings.
         camera: Camera settings.
-        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus.
+        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus,
+            and in which the subject is searched if neither settings nor file define the focus.
 
     Raises:
         ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
@@ -175,14 +184,26 @@ def focus_lens(
     metric = depth.kind == "metric"
     check_kind(focus, camera, metric=metric, origin=depth.origin)
     numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
+    subject = None
+    if image is not None and _is_automatic(focus, depth):
+        subject = find_subject(image, depth.values)
+        if focus.tilt_x or focus.tilt_y:
+            x, y = subject.position
+            focus = replace(focus, range=None, at=(x + window.x, y + window.y))
     plane = _tilted_plane(depth, window, focus, camera, numbers, image)
-    if focus.range is not None:
+    if isinstance(focus.range, tuple):
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
-    else:
+    elif subject is None or plane is not None:
         near = far = _focus_disparity(depth, window, focus, plane, image)
+    elif focus.range == "off":
+        near = far = subject.disparity
+    else:
+        near, far = subject.near, subject.far
     blur = None if metric else camera.blur
-    return FocusedLens(near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window)
+    return FocusedLens(
+        near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window, subject=subject
+    )
 
 
 def disparity_at_pixel(
@@ -237,8 +258,13 @@ def disparity_of_distance(metres: float) -> float:
     return 1 / (1000 * metres)
 
 
-def check_focus(settings: RenderSettings) -> None:
+def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
     """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
+
+    Args:
+        settings: Settings of the render.
+        automatic: True if the subject of the picture may define the focus; False for frames of a shot, whose
+            focus would jump.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
@@ -256,7 +282,9 @@ def check_focus(settings: RenderSettings) -> None:
     metric, origin = source.kind == "metric", source.origin
     if metric and isinstance(source, EmbeddedDepth):
         origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
+    has_subject = automatic and not isinstance(source, ConstantDisparity)
+    complete = not has_subject and not source.tells_focus
+    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:
@@ -301,11 +329,11 @@ def check_kind(
             expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
             shown="none",
         )
-    if complete and all(getattr(focus, name) is None for name in _focus_fields(metric)):
+    if complete and not _has_focus(focus, metric):
         raise _no_focus(metric)
-    if not metric and focus.range is not None and max(focus.range) > 1:
+    if not metric and isinstance(focus.range, tuple) and max(focus.range) > 1:
         raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
-    if metric and focus.range is not None and not min(focus.range) > 0:
+    if metric and isinstance(focus.range, tuple) and not min(focus.range) > 0:
         raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
     if focus.plane is not None:
         with errors_named_as("focus", {"pixels": "plane"}):
@@ -324,6 +352,20 @@ def _no_focus(metric: bool, why: str = "") -> ParameterError:
 def _focus_fields(metric: bool) -> tuple[str, ...]:
     """Return the settings that can define the focus."""
     return ("distance" if metric else "value", "at", "range", "plane")
+
+
+def _has_focus(focus: FocusSettings, metric: bool) -> bool:
+    """Return whether settings define the focus; ``focus.range`` "off" only shapes an automatic one."""
+    return any(getattr(focus, name) not in (None, "off") for name in _focus_fields(metric))
+
+
+def _is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
+    """Return whether neither settings nor file define the focus."""
+    metric = depth.kind == "metric"
+    in_file = depth.focus is not None
+    if metric and depth.camera is not None:
+        in_file = in_file or depth.camera.focus_distance is not None
+    return not in_file and not _has_focus(focus, metric)
 
 
 def _focus_disparity(
