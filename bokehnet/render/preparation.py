@@ -80,10 +80,12 @@ def prepare(
             replace(scene.depth, values=values),
             settings_in_fine_pixels(settings, scene.supersampled),
         )
-        lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+        lens = focus_lens(depth, scene.window, fine.focus, fine.camera, scene.image)
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
+        if lens.subject is not None:
+            notes += (lens.subject.note(scene.window, scene.supersampled),)
         notes += unexpected_blur(scene.depth, ends, lens, values)
     choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image

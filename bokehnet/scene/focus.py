@@ -1,12 +1,12 @@
 """Focus and blur strength: conversion of settings and the depth map of a scene to defocus.
 
 The signed blur radius of a lens is linear in disparity. Any focus (a value, a distance, a pixel, a range, a
-tilted plane) thus becomes a disparity, or a plane of disparities, and a factor.
+tilted plane, the subject) thus becomes a disparity, or a plane of disparities, and a factor.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,14 @@ from bokehnet.optics.focus_plane import (
 )
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.camera import LensNumbers, complete_camera
-from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
+from bokehnet.scene.depth.depth_source import (
+    ConstantDisparity,
+    DepthMap,
+    EmbeddedDepth,
+    depth_source,
+)
+from bokehnet.scene.focus_patch import surface_disparity
+from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
@@ -54,6 +61,7 @@ class FocusedLens:
         window: Position of the map's pixels in the shown picture.
         tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
             that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.
+        subject: Subject that an automatic focus chose; None for a focus of the settings or the file.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -70,6 +78,7 @@ class FocusedLens:
     plane: Callable[[float], tuple[FocusPlane, float]] | None
     window: Window
     tilt_gradient: tuple[float, float] = (0.0, 0.0)
+    subject: Subject | None = None
 
     @property
     def distance(self) -> float | None:
@@ -143,7 +152,13 @@ class FocusedLens:
         return defocus
 
 
-def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> FocusedLens:
+def focus_lens(
+    depth: DepthMap,
+    window: Window,
+    focus: FocusSettings,
+    camera: CameraSettings,
+    image: Array | None = None,
+) -> FocusedLens:
     """Return the lens of a scene with its focus and blur strength.
 
     Args:
@@ -151,6 +166,8 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         window: Position of its pixels in the shown picture.
         focus: Focus settings.
         camera: Camera settings.
+        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus,
+            and in which the subject is searched if neither settings nor file define the focus.
 
     Raises:
         ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
@@ -167,26 +184,45 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
     metric = depth.kind == "metric"
     check_kind(focus, camera, metric=metric, origin=depth.origin)
     numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
-    plane = _tilted_plane(depth, window, focus, camera, numbers)
-    if focus.range is not None:
+    subject = None
+    if image is not None and _is_automatic(focus, depth):
+        subject = find_subject(image, depth.values)
+        if focus.tilt_x or focus.tilt_y:
+            x, y = subject.position
+            focus = replace(focus, range=None, at=(x + window.x, y + window.y))
+    plane = _tilted_plane(depth, window, focus, camera, numbers, image)
+    if isinstance(focus.range, tuple):
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
+    elif subject is None or plane is not None:
+        near = far = _focus_disparity(depth, window, focus, plane, image)
+    elif focus.range == "off":
+        near = far = subject.disparity
     else:
-        near = far = _focus_disparity(depth, window, focus, plane)
+        near, far = subject.near, subject.far
     blur = None if metric else camera.blur
-    return FocusedLens(near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window)
+    return FocusedLens(
+        near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window, subject=subject
+    )
 
 
 def disparity_at_pixel(
-    pixel: tuple[int, int], depth: DepthMap, window: Window, name: str = "focus.at"
+    pixel: tuple[int, int],
+    depth: DepthMap,
+    window: Window,
+    name: str = "focus.at",
+    image: Array | None = None,
 ) -> float:
-    """Return the value of a map at a pixel of the shown picture.
+    """Return the disparity of the surface under a pixel of the shown picture.
+
+    See :func:`bokehnet.scene.focus_patch.surface_disparity`.
 
     Args:
         pixel: Column and row, from the upper left corner.
         depth: Depth map in the size of the picture.
         window: Position of its pixels in the shown picture.
         name: Setting that names the pixel, for the message.
+        image: Scene-linear picture, (H, W, 3), whose colours separate surfaces; None uses the map alone.
 
     Raises:
         ParameterError: The file stores no such pixel.
@@ -207,7 +243,7 @@ def disparity_at_pixel(
         raise ParameterError(
             name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
         )
-    return float(depth.values[row, column])
+    return surface_disparity(depth.values, column, row, image)
 
 
 def disparity_of_distance(metres: float) -> float:
@@ -222,8 +258,13 @@ def disparity_of_distance(metres: float) -> float:
     return 1 / (1000 * metres)
 
 
-def check_focus(settings: RenderSettings) -> None:
+def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
     """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
+
+    Args:
+        settings: Settings of the render.
+        automatic: True if the subject of the picture may define the focus; False for frames of a shot, whose
+            focus would jump.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
@@ -241,7 +282,9 @@ def check_focus(settings: RenderSettings) -> None:
     metric, origin = source.kind == "metric", source.origin
     if metric and isinstance(source, EmbeddedDepth):
         origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
+    has_subject = automatic and not isinstance(source, ConstantDisparity)
+    complete = not has_subject and not source.tells_focus
+    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:
@@ -286,11 +329,11 @@ def check_kind(
             expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
             shown="none",
         )
-    if complete and all(getattr(focus, name) is None for name in _focus_fields(metric)):
+    if complete and not _has_focus(focus, metric):
         raise _no_focus(metric)
-    if not metric and focus.range is not None and max(focus.range) > 1:
+    if not metric and isinstance(focus.range, tuple) and max(focus.range) > 1:
         raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
-    if metric and focus.range is not None and not min(focus.range) > 0:
+    if metric and isinstance(focus.range, tuple) and not min(focus.range) > 0:
         raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
     if focus.plane is not None:
         with errors_named_as("focus", {"pixels": "plane"}):
@@ -311,18 +354,33 @@ def _focus_fields(metric: bool) -> tuple[str, ...]:
     return ("distance" if metric else "value", "at", "range", "plane")
 
 
+def _has_focus(focus: FocusSettings, metric: bool) -> bool:
+    """Return whether settings define the focus; ``focus.range`` "off" only shapes an automatic one."""
+    return any(getattr(focus, name) not in (None, "off") for name in _focus_fields(metric))
+
+
+def _is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
+    """Return whether neither settings nor file define the focus."""
+    metric = depth.kind == "metric"
+    in_file = depth.focus is not None
+    if metric and depth.camera is not None:
+        in_file = in_file or depth.camera.focus_distance is not None
+    return not in_file and not _has_focus(focus, metric)
+
+
 def _focus_disparity(
     depth: DepthMap,
     window: Window,
     focus: FocusSettings,
     plane: Callable[[float], tuple[FocusPlane, float]] | None,
+    image: Array | None,
 ) -> float:
     """Return the disparity in focus; of a tilted plane, at its pivot or in the middle."""
     if focus.plane is not None:
         assert plane is not None
         return float(plane(0.0)[0].at(*_middle(window)))
     if focus.at is not None:
-        return disparity_at_pixel(focus.at, depth, window)
+        return disparity_at_pixel(focus.at, depth, window, image=image)
     if focus.value is not None:
         return focus.value
     if focus.distance is not None:
@@ -340,6 +398,7 @@ def _tilted_plane(
     focus: FocusSettings,
     camera: CameraSettings,
     numbers: LensNumbers | None,
+    image: Array | None,
 ) -> Callable[[float], tuple[FocusPlane, float]] | None:
     """Return the function from the pivot's disparity to the plane in focus and the blur, pixels per unit."""
     tilt = (focus.tilt_x, focus.tilt_y)
@@ -349,7 +408,7 @@ def _tilted_plane(
     pixel = middle if focus.at is None else focus.at
     picked = None
     if focus.plane is not None:
-        values = [disparity_at_pixel(corner, depth, window, "focus.plane") for corner in focus.plane]
+        values = [disparity_at_pixel(pixel, depth, window, "focus.plane", image) for pixel in focus.plane]
         picked = FocusPlane.through(focus.plane, values)
     check_rank("disparity", depth.values, 2, "(H, W)")
     if numbers is None:

@@ -172,7 +172,7 @@ class VideoJob:
         for index in (0, self.count - 1):
             settings = self.settings_of(index)
             if settings.input.disparity is None or not is_video(settings.input.disparity):
-                check_focus(settings)
+                check_focus(settings, automatic=False)
 
     def _claim(self) -> None:
         """Create the folder, empty unless it belongs to the same job."""

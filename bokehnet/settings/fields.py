@@ -241,7 +241,7 @@ class Group:
 
     def __post_init__(self) -> None:
         _check_fields(self)
-        conflicting = [name for name in self.ONE_OF if getattr(self, name) is not None]
+        conflicting = [name for name in self.ONE_OF if getattr(self, name) not in (None, "off")]
         if len(conflicting) > 1:
             two = len(conflicting) == 2
             raise ParameterError(

@@ -120,6 +120,7 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
                 shown=f"{one.output}, an input of a frame",
             )
         one.check()
+        check_focus(one.settings, automatic=len(jobs) == 1)
     return jobs
 
 

@@ -21,9 +21,6 @@ __all__ = ["EmbeddedDepth"]
 # Distance of the nearest point, mm, for a phone's map without distances; the farthest is at infinity.
 _NEAREST_DISTANCE = 1000.0
 
-# Side of the central region for the default focus, relative to the photo.
-_CENTRE_FRACTION = 1 / 5
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class EmbeddedDepth:
@@ -95,7 +92,7 @@ class EmbeddedDepth:
             origin="the photo's own depth",
             fits_any_size=True,
             camera=full_frame_camera(photo.camera, window.width, window.height),
-            focus=_central_median(values) if focus is None else focus,
+            focus=focus,
             all_in_focus=embedded.all_in_focus,
             notes=notes,
         )
@@ -125,10 +122,3 @@ def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.floa
     if not embedded.metric and not relative:
         return values / _NEAREST_DISTANCE, None if focus is None else focus / _NEAREST_DISTANCE
     return values, focus
-
-
-def _central_median(disparity: npt.NDArray[np.float32]) -> float:
-    """Return the median of the central region of a map."""
-    height, width = disparity.shape
-    top, left = (int(size * (1 - _CENTRE_FRACTION) / 2) for size in (height, width))
-    return float(np.median(disparity[top : height - top, left : width - left]))

@@ -373,7 +373,6 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
             ["--depth-model", "missing.onnx", "--blur", 3, "--focus", 0.5],
             ["missing.onnx: expected an ONNX file"],
         ),
-        (["--depth-model", "photo.png", "--blur", 3], ["expected one of --focus, --focus-at"]),
         (["--depth-convention", "midas"], ["--depth-convention: expected --depth-model for it to act on"]),
         (["--depth-model", "photo.png", "--channel", "Z"], ["--channel: expected --disparity, --depth or"]),
     ],

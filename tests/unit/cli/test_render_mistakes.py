@@ -29,7 +29,6 @@ ALL = [*MAP, *SIZES]
         ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
         ([*MAP, "--blur", 6, "--focus", -0.1], ["--focus", "0..1", "-0.1"]),
         ([*MAP, "--blur", 6, "--focus", "nan"], ["--focus", "0..1", "nan"]),
-        ([*MAP, "--blur", 6], ["--focus, --focus-at, --focus-range and --focus-plane", "none"]),
         ([*ALL, "--focus-at", "1,1"], ["--focus-at: expected one of --focus and --focus-at, got both"]),
         ([*MAP, "--focus", 0.4], ["--disparity needs --blur"]),
         ([*MAP, "--blur", -1, "--focus", 0.4], ["--blur", "at least 0", "-1"]),

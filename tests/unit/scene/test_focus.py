@@ -107,7 +107,6 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
     ("settings", "parameter", "words"),
     [
         ({"input": DISPARITY, "focus": VALUE}, "camera.blur", "`input.disparity` needs `camera.blur`"),
-        ({"input": DISPARITY, "camera": BLUR}, "focus.value", "`focus.at`, `focus.range` and `focus.plane`"),
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(distance=2)},
             "focus.distance",
@@ -153,11 +152,6 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
             "input.defocus",
             "no tilt with it",
         ),
-        (
-            {"input": InputSettings(depth_model="a.onnx"), "camera": BLUR},
-            "focus.value",
-            "one of `focus.value`",
-        ),
     ],
 )
 def test_what_does_not_go_together_is_told_before_anything_is_read(settings, parameter, words):
@@ -165,6 +159,13 @@ def test_what_does_not_go_together_is_told_before_anything_is_read(settings, par
         check_focus(RenderSettings(**settings))
     assert caught.value.parameter == parameter
     assert words in str(caught.value)
+
+
+def test_frames_of_a_shot_need_a_focus():
+    settings = RenderSettings(input=InputSettings(depth_model="a.onnx"), camera=BLUR)
+    check_focus(settings)  # one picture: its subject
+    with pytest.raises(ParameterError, match=r"one of `focus\.value`"):
+        check_focus(settings, automatic=False)
 
 
 @pytest.mark.parametrize(
