@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from bokehnet.cli.parser import SectionedOption, completion
-from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.errors import BokehnetError, ErrorCollector, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import Group, Setting, field_settings
 from bokehnet.settings.preset import load_preset
@@ -150,18 +150,21 @@ def _value_attributes(known: Setting) -> dict[str, Any]:
 def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
     """Return the values of the options that the user set."""
     values: OptionValues = {}
+    errors = ErrorCollector()
     for item in known:
         name = _key(item)
         variants = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
         present = {key: word for key, word in variants.items() if word is not None}
-        if len(present) > 1:
-            raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
-        for key, word in present.items():
-            try:
-                value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
-            except ParameterError as error:
-                raise error.renamed(f"--{item.flag}") from error
-            values.setdefault(item.group, {})[item.name] = value
+        with errors.collect():
+            if len(present) > 1:
+                raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
+            for key, word in present.items():
+                try:
+                    value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
+                except ParameterError as error:
+                    raise error.renamed(f"--{item.flag}") from error
+                values.setdefault(item.group, {})[item.name] = value
+    errors.raise_all()
     return values
 
 

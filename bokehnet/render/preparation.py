@@ -13,7 +13,7 @@ from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
 from bokehnet.scene.blur_warnings import unexpected_blur
-from bokehnet.scene.focus import check_nothing_to_focus, focus_lens
+from bokehnet.scene.focus import check_lens, check_nothing_to_focus, focus_lens
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (
@@ -64,6 +64,9 @@ def prepare(
     values = map_at_picture_size(scene, settings.depth)
     ends = float(values.min()), float(values.max())
     lens, repaired, reason, notes, repair = None, None, "", scene.notes, None
+    fine = settings_in_fine_pixels(settings, scene.supersampled)
+    if scene.depth.kind != "defocus":
+        check_lens(scene.depth, scene.window, fine.focus, fine.camera)  # before the slow repair
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     elif is_repaired(scene, settings.depth):
@@ -76,16 +79,14 @@ def prepare(
         known = focused_surfaces(known, values, None, scene.supersampled)
         values = values if scene.supersampled == 1 else scene.supersampled * values
     else:
-        depth, fine = (
-            replace(scene.depth, values=values),
-            settings_in_fine_pixels(settings, scene.supersampled),
-        )
+        depth = replace(scene.depth, values=values)
         lens = focus_lens(depth, scene.window, fine.focus, fine.camera, scene.image)
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
+        if lens.subject is not None:
+            focus = lens.subject.note(scene.window, scene.supersampled)
+            lens = replace(lens, assumptions=(focus, *lens.assumptions))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
-        if lens.subject is not None:
-            notes += (lens.subject.note(scene.window, scene.supersampled),)
         notes += unexpected_blur(scene.depth, ends, lens, values)
     choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_rank
-from bokehnet.errors import LensError, ParameterError
+from bokehnet.errors import ErrorCollector, LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
@@ -27,6 +27,7 @@ from bokehnet.optics.focus_plane import (
     tilted_lens,
 )
 from bokehnet.optics.focus_range import defocus_outside_range
+from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import (
     ConstantDisparity,
@@ -39,12 +40,19 @@ from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
-__all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
+__all__ = [
+    "FocusedLens",
+    "check_focus",
+    "check_lens",
+    "disparity_at_pixel",
+    "disparity_of_distance",
+    "focus_lens",
+]
 
 Array = npt.NDArray[np.float32]
 
-_RELATIVE = ("focus.value", "camera.blur")
-_METRIC = ("focus.distance", "camera.focal_length", "camera.f_number", "camera.sensor_width")
+_RELATIVE = ("focus.value", "camera.blur", "camera.strength")
+_METRIC = ("focus.distance", "camera.sensor_width")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,6 +70,7 @@ class FocusedLens:
         tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
             that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.
         subject: Subject that an automatic focus chose; None for a focus of the settings or the file.
+        assumptions: Assumed values that the blur depends on, a few words each.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -79,6 +88,7 @@ class FocusedLens:
     window: Window
     tilt_gradient: tuple[float, float] = (0.0, 0.0)
     subject: Subject | None = None
+    assumptions: tuple[str, ...] = ()
 
     @property
     def distance(self) -> float | None:
@@ -182,28 +192,74 @@ def focus_lens(
         2.0
     """
     metric = depth.kind == "metric"
-    check_kind(focus, camera, metric=metric, origin=depth.origin)
-    numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
+    check_lens(depth, window, focus, camera)
     subject = None
     if image is not None and _is_automatic(focus, depth):
         subject = find_subject(image, depth.values)
         if focus.tilt_x or focus.tilt_y:
             x, y = subject.position
             focus = replace(focus, range=None, at=(x + window.x, y + window.y))
-    plane = _tilted_plane(depth, window, focus, camera, numbers, image)
     if isinstance(focus.range, tuple):
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
-    elif subject is None or plane is not None:
-        near = far = _focus_disparity(depth, window, focus, plane, image)
+    elif subject is None or focus.at is not None:
+        near = far = _focus_disparity(depth, window, focus, image)
     elif focus.range == "off":
         near = far = subject.disparity
     else:
         near, far = subject.near, subject.far
-    blur = None if metric else camera.blur
+    camera, assumptions = completed_blur(camera, depth, near, far, window)
+    numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
     return FocusedLens(
-        near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window, subject=subject
+        near=near,
+        far=far,
+        blur=None if metric else camera.blur,
+        camera=numbers,
+        plane=_tilted_plane(depth, window, focus, camera, numbers, image),
+        window=window,
+        subject=subject,
+        assumptions=(*depth.assumptions, *assumptions),
     )
+
+
+def check_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> None:
+    """Raise ``ParameterError`` unless :func:`focus_lens` can focus the map; takes no time.
+
+    Args:
+        depth: Depth map of the scene, of any size.
+        window: Position of the picture's pixels in the shown picture.
+        focus: Focus settings.
+        camera: Camera settings.
+
+    Examples:
+        >>> depth = DepthMap(values=np.ones((2, 3), np.float32), kind="relative", origin="input.disparity")
+        >>> check_lens(depth, Window.whole(3, 2), FocusSettings(at=(3, 0)), CameraSettings(blur=8))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.at: expected a pixel inside the picture of 3x2, got 3,0
+    """
+    metric = depth.kind == "metric"
+    check_kind(focus, camera, metric=metric, origin=depth.origin)
+    if metric:
+        # A photo with its own depth needs no f-number; see `completed_blur`.
+        known = replace(camera, f_number=camera.f_number or 1.0) if depth.fits_any_size else camera
+        complete_camera(known, depth.camera, depth.origin)
+    for pixel in (focus.at,) if focus.at is not None else focus.plane or ():
+        _stored_pixel(pixel, window, "focus.plane" if focus.at is None else "focus.at")
+
+
+def _stored_pixel(pixel: tuple[int, int], window: Window, name: str) -> tuple[int, int]:
+    """Return column and row in the file of a pixel of the shown picture, or raise ``ParameterError``."""
+    x, y = pixel
+    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
+        size = f"{window.display_width}x{window.display_height}"
+        raise ParameterError(name, expected=f"a pixel inside the picture of {size}", shown=f"{x},{y}")
+    column, row = x - window.x, y - window.y
+    if not (0 <= column < window.width and 0 <= row < window.height):
+        raise ParameterError(
+            name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
+        )
+    return column, row
 
 
 def disparity_at_pixel(
@@ -233,16 +289,7 @@ def disparity_at_pixel(
         >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
         0.25
     """
-    x, y = pixel
-    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
-        size = f"{window.display_width}x{window.display_height}"
-        raise ParameterError(name, expected=f"a pixel inside the picture of {size}", shown=f"{x},{y}")
-    column, row = x - window.x, y - window.y
-    height, width = depth.values.shape
-    if not (0 <= column < width and 0 <= row < height):
-        raise ParameterError(
-            name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
-        )
+    column, row = _stored_pixel(pixel, window, name)
     return surface_disparity(depth.values, column, row, image)
 
 
@@ -282,6 +329,8 @@ def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
     metric, origin = source.kind == "metric", source.origin
     if metric and isinstance(source, EmbeddedDepth):
         origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
+    if isinstance(source, EmbeddedDepth) and settings.camera.strength is not None:
+        origin = "camera.strength"
     has_subject = automatic and not isinstance(source, ConstantDisparity)
     complete = not has_subject and not source.tells_focus
     check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
@@ -315,29 +364,40 @@ def check_kind(
         complete: True if the settings must contain the focus, as no file does.
     """
     holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
-    values = {"focus": focus, "camera": camera}
-    for path in _RELATIVE if metric else _METRIC:
+    errors = ErrorCollector()
+    unusable = dict.fromkeys(_RELATIVE if metric else _METRIC, "")
+    if not metric and camera.f_number is None:
+        unusable["camera.focal_length"] = " without `camera.f_number`"
+    if not metric and (
+        other := next((n for n in ("blur", "strength") if getattr(camera, n) is not None), "")
+    ):
+        unusable["camera.f_number"] = "" if origin == f"camera.{other}" else f" with `camera.{other}`"
+    for path, why in unusable.items():
         group, _, name = path.partition(".")
-        value = getattr(values[group], name)
-        if value is not None:
+        value = getattr(focus if group == "focus" else camera, name)
+        with errors.collect():
+            if value is not None:
+                expected = f"nothing: it does not apply to {holder}{why}"
+                raise ParameterError(path, expected=expected, got=value, remedy="leave it out")
+    with errors.collect():
+        if complete and not metric and (camera.blur, camera.f_number) == (None, None):
             raise ParameterError(
-                path, expected=f"nothing: it does not apply to {holder}", got=value, remedy="leave it out"
+                "camera.blur",
+                expected=f"pixels per unit of disparity: {holder} needs `camera.blur` or `camera.f_number`",
+                shown="none" if camera.strength is None else "`camera.strength`",
             )
-    if not metric and camera.blur is None:
-        raise ParameterError(
-            "camera.blur",
-            expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
-            shown="none",
-        )
-    if complete and not _has_focus(focus, metric):
-        raise _no_focus(metric)
-    if not metric and isinstance(focus.range, tuple) and max(focus.range) > 1:
-        raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
-    if metric and isinstance(focus.range, tuple) and not min(focus.range) > 0:
-        raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
-    if focus.plane is not None:
-        with errors_named_as("focus", {"pixels": "plane"}):
+    with errors.collect():
+        if complete and not _has_focus(focus, metric):
+            raise _no_focus(metric)
+    with errors.collect():
+        if not metric and isinstance(focus.range, tuple) and max(focus.range) > 1:
+            raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
+        if metric and isinstance(focus.range, tuple) and not min(focus.range) > 0:
+            raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
+    with errors.collect(), errors_named_as("focus", {"pixels": "plane"}):
+        if focus.plane is not None:
             FocusPlane.through(focus.plane, (0, 0, 0))
+    errors.raise_all()
 
 
 def _no_focus(metric: bool, why: str = "") -> ParameterError:
@@ -372,13 +432,11 @@ def _focus_disparity(
     depth: DepthMap,
     window: Window,
     focus: FocusSettings,
-    plane: Callable[[float], tuple[FocusPlane, float]] | None,
     image: Array | None,
 ) -> float:
     """Return the disparity in focus; of a tilted plane, at its pivot or in the middle."""
     if focus.plane is not None:
-        assert plane is not None
-        return float(plane(0.0)[0].at(*_middle(window)))
+        return float(_picked_plane(focus.plane, depth, window, image).at(*_middle(window)))
     if focus.at is not None:
         return disparity_at_pixel(focus.at, depth, window, image=image)
     if focus.value is not None:
@@ -390,6 +448,14 @@ def _focus_disparity(
     if depth.focus is not None:
         return depth.focus
     raise _no_focus(depth.kind == "metric", "; the picture's file contains no focus")
+
+
+def _picked_plane(
+    pixels: tuple[tuple[int, int], ...], depth: DepthMap, window: Window, image: Array | None
+) -> FocusPlane:
+    """Return the plane of disparities through three pixels."""
+    values = [disparity_at_pixel(pixel, depth, window, "focus.plane", image) for pixel in pixels]
+    return FocusPlane.through(pixels, values)
 
 
 def _tilted_plane(
@@ -408,8 +474,7 @@ def _tilted_plane(
     pixel = middle if focus.at is None else focus.at
     picked = None
     if focus.plane is not None:
-        values = [disparity_at_pixel(pixel, depth, window, "focus.plane", image) for pixel in focus.plane]
-        picked = FocusPlane.through(focus.plane, values)
+        picked = _picked_plane(focus.plane, depth, window, image)
     check_rank("disparity", depth.values, 2, "(H, W)")
     if numbers is None:
         blur = camera.blur

@@ -332,6 +332,7 @@ class CameraSettings(Group):
 
     GROUP: ClassVar[str] = "camera"
     TITLE: ClassVar[str] = "Camera and blur strength"
+    ONE_OF: ClassVar[tuple[str, ...]] = ("blur", "strength")
 
     blur: float | None = setting(
         None,
@@ -340,15 +341,24 @@ class CameraSettings(Group):
         unit="pixels",
         low=0,
     )
+    strength: float | None = setting(
+        None,
+        "With --disparity or a phone's photo: blur strength, 0 to 100. The largest blur radius is this "
+        "percentage of 8 % of the longer side. Default: 50, i.e. 4 %.",
+        low=0,
+        high=100,
+    )
     focal_length: float | None = setting(
         None,
-        "With --depth: focal length, mm. Default: metadata of the picture's file.",
+        "With --depth: focal length, mm. With --disparity and --f-number: of a full-frame camera. Default: "
+        "metadata of the picture's file.",
         unit="mm",
         above=0,
     )
     f_number: float | None = setting(
         None,
-        "With --depth or a phone's photo: f-number, such as 1.8. Default: metadata of the picture's file.",
+        "F-number, such as 1.8. Default: metadata of the picture's file. With --disparity: of a full-frame "
+        "camera with the nearest point at 1 m and the farthest at infinity.",
         above=0,
     )
     sensor_width: float | None = setting(

@@ -39,7 +39,9 @@ class FrameSummary:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
-        return f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
+        return f"{line}; assumed: {assumptions}" if assumptions else line
 
     def steps(self) -> str:
         """Return the time of each step and the pixel filter as one line."""
@@ -63,6 +65,7 @@ class FrameSummary:
             "pixel_filter": report.pixel_filter and str(report.pixel_filter.pixel_filter),
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
+            "assumptions": [with_option_names(text) for text in report.assumptions],
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }

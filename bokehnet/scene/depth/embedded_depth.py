@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
 from bokehnet.io.maps import picture_depth_channel
+from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
 from bokehnet.io.window import Window
-from bokehnet.scene.camera import full_frame_camera
+from bokehnet.scene.camera import DEFAULT_FOCAL_LENGTH, full_frame_camera, has_view
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.explicit_depth import MetricDepth
 from bokehnet.scene.depth.network_depth import cached_network
@@ -35,6 +36,7 @@ class EmbeddedDepth:
     Attributes:
         map: Result of :func:`bokehnet.io.phone_depth.read_phone_depth`; None reads the picture's own file.
         relative: True for relative disparity, 0 to 1; False for 1/mm; None for the kind in the file.
+        relative_estimate: True for relative disparity if a network estimates the map.
 
     Examples:
         >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
@@ -49,6 +51,7 @@ class EmbeddedDepth:
 
     map: PhoneDepth | None = None
     relative: bool | None = None
+    relative_estimate: bool = False
 
     @property
     def origin(self) -> str:
@@ -85,6 +88,7 @@ class EmbeddedDepth:
             height, width = embedded.all_in_focus.shape[:2]
             window = Window.whole(width, height)
         relative = not embedded.metric if self.relative is None else self.relative
+        relative = relative or (self.relative_estimate and bool(notes))
         values, focus = _rescaled(embedded, relative)
         return DepthMap(
             values=values,
@@ -95,6 +99,7 @@ class EmbeddedDepth:
             focus=focus,
             all_in_focus=embedded.all_in_focus,
             notes=notes,
+            assumptions=() if relative else _assumptions(embedded, photo.camera),
         )
 
     def _from_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:
@@ -110,6 +115,16 @@ class EmbeddedDepth:
         low, high = float(depth.values.min()), float(depth.values.max())
         values = (depth.values - low) / ((high - low) or 1.0)
         return replace(depth, values=values, kind="relative", camera=None, filtered=None)
+
+
+def _assumptions(embedded: PhoneDepth, camera: Camera | None) -> tuple[str, ...]:
+    """Return the assumed distances and focal length of a metric render."""
+    assumptions = []
+    if not embedded.metric:
+        assumptions.append(f"nearest point at {_NEAREST_DISTANCE / 1000:g} m, farthest at infinity")
+    if not has_view(camera):
+        assumptions.append(f"{DEFAULT_FOCAL_LENGTH:g} mm on full frame")
+    return tuple(assumptions)
 
 
 def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:

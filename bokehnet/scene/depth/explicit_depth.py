@@ -84,7 +84,7 @@ class RelativeDisparity:
                 f"{self.map}: expected stored disparity in 0..1 for a sequence, found {actual}; {remedy}"
             )
         values = 1 - values if self.invert else values
-        return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
+        return DepthMap(values=values, kind="relative", origin=self.origin, camera=photo.camera, notes=notes)
 
 
 def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:

@@ -94,7 +94,7 @@ def test_a_render_without_focus_keeps_the_subject_sharp():
     changes = {"camera": {"blur": 50}, "depth": {"repair": "off"}}
     renderer, settings = BokehRenderer("scatter"), RenderSettings().updated(changes)
     focused = renderer.prepare(scene, settings)
-    assert any("focus on the subject" in note for note in focused.notes)
+    assert "focus on the subject" in focused.lens.assumptions[0]
     assert (focused.defocus[inside > 0] == 0).mean() > 0.93
     assert focused.defocus[0, 0] < -10
     plane = renderer.prepare(scene, settings.updated({"focus": {"range": "off"}}))
