@@ -91,7 +91,35 @@ def resolved_settings(file: str | None, preset: str | None, option_values: Optio
     """Return the settings of a file, overridden by a preset, overridden by options."""
     base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
     look = {} if preset is None else load_preset(preset).values
-    return RenderSettings().updated(merged(base, look, option_values))
+    changes = merged(base, look, option_values)
+    try:
+        return RenderSettings().updated(changes)
+    except ParameterError as error:
+        others = _focus_errors(changes)
+        raise error.with_others(others) if others else error from error.__cause__
+
+
+def _focus_errors(changes: OptionValues) -> list[ParameterError]:
+    """Return errors of focus and camera beside those of an invalid group; none if the input is invalid."""
+    from bokehnet.scene.focus_checks import check_focus  # only for errors
+
+    valid: OptionValues = {}
+    for group, fields in changes.items():
+        try:
+            RenderSettings().updated({group: fields})
+            valid[group] = fields
+        except ParameterError:
+            if group == "input":
+                return []
+    try:
+        settings = RenderSettings().updated(valid)
+    except ParameterError:  # the error of several groups, reported already
+        return []
+    try:
+        check_focus(settings)
+    except ParameterError as error:
+        return [error]
+    return []
 
 
 def message_of(error: BokehnetError) -> str:

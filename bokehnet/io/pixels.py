@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm
+from bokehnet.io.exr.deep import flatten
 from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
 from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.window import Window
@@ -217,8 +218,6 @@ class ImageFile:
         return read_samples(self.path, self.headers, part.index, rows, needed)
 
     def _read_flattened(self, part: Part, rows: slice, names: Sequence[str]) -> NDArray[np.float32]:
-        from bokehnet.io.exr.deep import flatten  # its kernels take 0.2 s to import, for deep files only
-
         samples = self.read_deep(part, names, rows)
         try:
             flat = flatten(samples, [name for name in names if name not in ("A", "Z", "ZBack")])

@@ -13,7 +13,8 @@ from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
 from bokehnet.scene.blur_warnings import unexpected_blur
-from bokehnet.scene.focus import check_lens, check_nothing_to_focus, focus_lens
+from bokehnet.scene.focus import check_lens, focus_lens
+from bokehnet.scene.focus_checks import check_nothing_to_focus
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (

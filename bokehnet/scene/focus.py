@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_rank
-from bokehnet.errors import ErrorCollector, LensError, ParameterError
+from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
@@ -30,19 +30,15 @@ from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import (
-    ConstantDisparity,
     DepthMap,
-    EmbeddedDepth,
-    depth_source,
 )
+from bokehnet.scene.focus_checks import check_kind, check_pixels, has_focus, no_focus_error, stored_pixel
 from bokehnet.scene.focus_patch import surface_disparity
 from bokehnet.scene.subject import Subject, find_subject
-from bokehnet.settings.error_names import errors_named_as
-from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
+from bokehnet.settings.settings import CameraSettings, FocusSettings
 
 __all__ = [
     "FocusedLens",
-    "check_focus",
     "check_lens",
     "disparity_at_pixel",
     "disparity_of_distance",
@@ -50,9 +46,6 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float32]
-
-_RELATIVE = ("focus.value", "camera.blur", "camera.strength")
-_METRIC = ("focus.distance", "camera.sensor_width")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -244,22 +237,7 @@ def check_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         # A photo with its own depth needs no f-number; see `completed_blur`.
         known = replace(camera, f_number=camera.f_number or 1.0) if depth.fits_any_size else camera
         complete_camera(known, depth.camera, depth.origin)
-    for pixel in (focus.at,) if focus.at is not None else focus.plane or ():
-        _stored_pixel(pixel, window, "focus.plane" if focus.at is None else "focus.at")
-
-
-def _stored_pixel(pixel: tuple[int, int], window: Window, name: str) -> tuple[int, int]:
-    """Return column and row in the file of a pixel of the shown picture, or raise ``ParameterError``."""
-    x, y = pixel
-    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
-        size = f"{window.display_width}x{window.display_height}"
-        raise ParameterError(name, expected=f"a pixel inside the picture of {size}", shown=f"{x},{y}")
-    column, row = x - window.x, y - window.y
-    if not (0 <= column < window.width and 0 <= row < window.height):
-        raise ParameterError(
-            name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
-        )
-    return column, row
+    check_pixels(focus, window)
 
 
 def disparity_at_pixel(
@@ -289,7 +267,7 @@ def disparity_at_pixel(
         >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
         0.25
     """
-    column, row = _stored_pixel(pixel, window, name)
+    column, row = stored_pixel(pixel, window, name)
     return surface_disparity(depth.values, column, row, image)
 
 
@@ -305,127 +283,13 @@ def disparity_of_distance(metres: float) -> float:
     return 1 / (1000 * metres)
 
 
-def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
-    """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
-
-    Args:
-        settings: Settings of the render.
-        automatic: True if the subject of the picture may define the focus; False for frames of a shot, whose
-            focus would jump.
-
-    Examples:
-        >>> from bokehnet.settings.settings import InputSettings
-        >>> disparity, blur = InputSettings(disparity="disparity.png"), CameraSettings(blur=30)
-        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(value=0.4)))
-        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(distance=2)))
-        Traceback (most recent call last):
-            ...
-        bokehnet.errors.ParameterError: focus.distance: expected nothing: it does not apply to ...
-    """
-    source = depth_source(settings)
-    if source.kind == "defocus":
-        check_nothing_to_focus(settings)
-        return
-    metric, origin = source.kind == "metric", source.origin
-    if metric and isinstance(source, EmbeddedDepth):
-        origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
-    if isinstance(source, EmbeddedDepth) and settings.camera.strength is not None:
-        origin = "camera.strength"
-    has_subject = automatic and not isinstance(source, ConstantDisparity)
-    complete = not has_subject and not source.tells_focus
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
-
-
-def check_nothing_to_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` if the settings would focus a defocus map again."""
-    for name in ("value", "distance", "at", "range", "plane"):
-        if getattr(settings.focus, name) is not None:
-            raise ParameterError(
-                f"focus.{name}", expected="nothing: `input.defocus` is already focused", remedy="leave it out"
-            )
-    if settings.focus.tilt_x or settings.focus.tilt_y or settings.camera != CameraSettings():
-        raise ParameterError(
-            "input.defocus",
-            expected="no camera and no tilt with it: its blur radii are final",
-            remedy="leave them out",
-        )
-
-
-def check_kind(
-    focus: FocusSettings, camera: CameraSettings, *, metric: bool, origin: str, complete: bool = False
-) -> None:
-    """Raise ``ParameterError`` unless focus and camera apply to a map of this kind.
-
-    Args:
-        focus: Focus settings.
-        camera: Camera settings.
-        metric: True for metric depth, False for relative disparity.
-        origin: Origin of the map for messages: a setting, or words.
-        complete: True if the settings must contain the focus, as no file does.
-    """
-    holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
-    errors = ErrorCollector()
-    unusable = dict.fromkeys(_RELATIVE if metric else _METRIC, "")
-    if not metric and camera.f_number is None:
-        unusable["camera.focal_length"] = " without `camera.f_number`"
-    if not metric and (
-        other := next((n for n in ("blur", "strength") if getattr(camera, n) is not None), "")
-    ):
-        unusable["camera.f_number"] = "" if origin == f"camera.{other}" else f" with `camera.{other}`"
-    for path, why in unusable.items():
-        group, _, name = path.partition(".")
-        value = getattr(focus if group == "focus" else camera, name)
-        with errors.collect():
-            if value is not None:
-                expected = f"nothing: it does not apply to {holder}{why}"
-                raise ParameterError(path, expected=expected, got=value, remedy="leave it out")
-    with errors.collect():
-        if complete and not metric and (camera.blur, camera.f_number) == (None, None):
-            raise ParameterError(
-                "camera.blur",
-                expected=f"pixels per unit of disparity: {holder} needs `camera.blur` or `camera.f_number`",
-                shown="none" if camera.strength is None else "`camera.strength`",
-            )
-    with errors.collect():
-        if complete and not _has_focus(focus, metric):
-            raise _no_focus(metric)
-    with errors.collect():
-        if not metric and isinstance(focus.range, tuple) and max(focus.range) > 1:
-            raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
-        if metric and isinstance(focus.range, tuple) and not min(focus.range) > 0:
-            raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
-    with errors.collect(), errors_named_as("focus", {"pixels": "plane"}):
-        if focus.plane is not None:
-            FocusPlane.through(focus.plane, (0, 0, 0))
-    errors.raise_all()
-
-
-def _no_focus(metric: bool, why: str = "") -> ParameterError:
-    *first, last = (f"`focus.{name}`" for name in _focus_fields(metric))
-    return ParameterError(
-        f"focus.{_focus_fields(metric)[0]}",
-        expected=f"one of {', '.join(first)} and {last}",
-        shown=f"none{why}",
-    )
-
-
-def _focus_fields(metric: bool) -> tuple[str, ...]:
-    """Return the settings that can define the focus."""
-    return ("distance" if metric else "value", "at", "range", "plane")
-
-
-def _has_focus(focus: FocusSettings, metric: bool) -> bool:
-    """Return whether settings define the focus; ``focus.range`` "off" only shapes an automatic one."""
-    return any(getattr(focus, name) not in (None, "off") for name in _focus_fields(metric))
-
-
 def _is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
     """Return whether neither settings nor file define the focus."""
     metric = depth.kind == "metric"
     in_file = depth.focus is not None
     if metric and depth.camera is not None:
         in_file = in_file or depth.camera.focus_distance is not None
-    return not in_file and not _has_focus(focus, metric)
+    return not in_file and not has_focus(focus, metric)
 
 
 def _focus_disparity(
@@ -447,7 +311,7 @@ def _focus_disparity(
         return disparity_of_distance(depth.camera.focus_distance / 1000)
     if depth.focus is not None:
         return depth.focus
-    raise _no_focus(depth.kind == "metric", "; the picture's file contains no focus")
+    raise no_focus_error(depth.kind == "metric", "; the picture's file contains no focus")
 
 
 def _picked_plane(

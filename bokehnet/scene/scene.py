@@ -28,7 +28,8 @@ from bokehnet.scene.depth.depth_source import (
     depth_source,
     unit_of_picture_depth,
 )
-from bokehnet.scene.focus import FocusedLens, check_focus
+from bokehnet.scene.focus import FocusedLens
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.known_edges import check_matte, deep_surfaces, read_matte
 from bokehnet.settings.settings import DepthSettings, RenderSettings
 

@@ -58,7 +58,7 @@ def compare(
     from bokehnet.cli.progress import compile_notice, progress
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
-    from bokehnet.scene.focus import check_focus
+    from bokehnet.scene.focus_checks import check_focus
     from bokehnet.scene.scene import read_scene
     from bokehnet.tools.comparison import compare_engines, comparison_sheet, largest_difference_crops
 

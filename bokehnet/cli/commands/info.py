@@ -10,11 +10,11 @@ __all__ = ["info"]
 
 
 @click.command(cls=SectionedCommand)
-@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM.")
+@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, HEIC, EXR, HDR or PFM.")
 def info(
     file: Path,
 ) -> None:
-    """Print size, channels, colour space and depth range of an image."""
+    """Print size, channels, colour space, depth and gain map of an image."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
     from bokehnet.io.info import image_info
 
@@ -33,6 +33,9 @@ def info(
         "channels": f"{' '.join(description.channels)} ({description.pixel_type}){parts}",
         "read as": decoded,
     }
+    for name, text in (("depth map", description.depth_map), ("gain map", description.gain_map)):
+        if text:
+            rows[name] = text
     for name, values in description.ranges.items():
         non_finite = [
             f"{count} {kind}" for count, kind in ((values.infinite, "infinite"), (values.nan, "NaN")) if count

@@ -68,12 +68,9 @@ def render(
         RunSettings(**option_values.pop("run", {})),
     )
     resolved = resolved_settings(settings, preset, option_values)
-    from bokehnet.cli.render.frame import FrameJob  # after parsing, so --help stays fast
-    from bokehnet.cli.render.summary import make_summary_printer
-    from bokehnet.io.video.frames import is_video
-
-    printer = make_summary_printer(quiet=quiet, verbose=verbose, as_json=as_json)
     target = _output(image, output, sequence)
+    from bokehnet.io.video.frames import is_video  # after parsing, so that --help stays fast
+
     if is_video(image):
         from bokehnet.cli.render.video import render_video
 
@@ -81,9 +78,21 @@ def render(
         return
     if run.video_codec is not None:
         raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
+    if quiet and verbose:
+        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
+    if sequence.frames is None:
+        from bokehnet.cli.render.checks import check_inputs, check_job
+
+        _check_single(Path(image), sequence, run)
+        check_job(Path(image), target, resolved)
+        check_inputs(Path(image), resolved)
+    # Kernels are imported from here on.
+    from bokehnet.cli.render.frame import FrameJob
+    from bokehnet.cli.render.summary import SummaryPrinter
+
+    printer = SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
     job = FrameJob(image=Path(image), output=target, settings=resolved)
     if sequence.frames is None:
-        _check_single(job, sequence, run)
         _render_single(job, printer, quiet)
     else:
         _render_sequence(job, sequence, run, printer, quiet)
@@ -104,7 +113,7 @@ def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
 
 
-def _check_single(job: "FrameJob", sequence: SequenceSettings, run: RunSettings) -> None:
+def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> None:
     """Raise ``ParameterError`` if options or the name of the picture belong to a sequence."""
     from bokehnet.sequence.frame_names import is_pattern
 
@@ -115,10 +124,10 @@ def _check_single(job: "FrameJob", sequence: SequenceSettings, run: RunSettings)
             "and the options -from and -to need",
             shown="none",
         )
-    if is_pattern(job.image) and not job.image.exists():
+    if is_pattern(image) and not image.exists():
         raise ParameterError(
             "sequence.frames",
-            expected=f"frames such as 1001-1100, since {job.image} names a sequence",
+            expected=f"frames such as 1001-1100, since {image} names a sequence",
             shown="none",
         )
 
@@ -128,7 +137,6 @@ def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> N
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.render.frame import render_one
 
-    job.check()
     ensure_model(job.settings.input.depth_model)
     with compile_notice(hidden=quiet):
         printer.print_single(render_one(job, quiet=quiet))

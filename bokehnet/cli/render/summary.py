@@ -10,11 +10,10 @@ import click
 
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import write_above
-from bokehnet.errors import ParameterError
 from bokehnet.render.result import RenderReport
 from bokehnet.sequence.shot import Shot
 
-__all__ = ["FrameSummary", "SummaryPrinter", "make_summary_printer"]
+__all__ = ["FrameSummary", "SummaryPrinter"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -143,13 +142,6 @@ class SummaryPrinter:
                 write_above(f"bokehnet: note: {with_option_names(note)}")
         if self.verbose:
             write_above(f"bokehnet: frame {frame}: {summary.line()} ({summary.steps()})")
-
-
-def make_summary_printer(*, quiet: bool, verbose: bool, as_json: bool) -> SummaryPrinter:
-    """Return a printer of summaries; raise ``ParameterError`` if the options contradict each other."""
-    if quiet and verbose:
-        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
-    return SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
 
 
 def _print_line(text: str) -> None:

@@ -10,7 +10,8 @@ from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.scene.depth.depth_source import DepthMap
-from bokehnet.scene.focus import check_focus, disparity_at_pixel, disparity_of_distance, focus_lens
+from bokehnet.scene.focus import disparity_at_pixel, disparity_of_distance, focus_lens
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.settings.settings import CameraSettings, FocusSettings, InputSettings, RenderSettings
 
 WIDTH, HEIGHT = 64, 40

@@ -114,4 +114,4 @@ def test_the_note_counts_pixels_of_the_shown_picture():
     subject = find_subject(gray(), ground_with((50, 30, 25, 75)))
     x, y = subject.position
     window = Window(x=10, y=20, width=WIDTH, height=HEIGHT, display_width=400, display_height=400)
-    assert f"pixel {x + 10},{y + 20};" in subject.note(window)
+    assert f"pixel {x + 10},{y + 20} " in subject.note(window)
