@@ -34,7 +34,7 @@ from bokehnet.scene.depth.depth_source import (
 )
 from bokehnet.scene.focus_checks import check_kind, check_pixels, has_focus, no_focus_error, stored_pixel
 from bokehnet.scene.focus_patch import surface_disparity
-from bokehnet.scene.subject import Subject, find_subject
+from bokehnet.scene.subject import Subject
 from bokehnet.settings.settings import CameraSettings, FocusSettings
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "disparity_at_pixel",
     "disparity_of_distance",
     "focus_lens",
+    "is_automatic",
 ]
 
 Array = npt.NDArray[np.float32]
@@ -161,6 +162,7 @@ def focus_lens(
     focus: FocusSettings,
     camera: CameraSettings,
     image: Array | None = None,
+    subject: Subject | None = None,
 ) -> FocusedLens:
     """Return the lens of a scene with its focus and blur strength.
 
@@ -169,8 +171,8 @@ def focus_lens(
         window: Position of its pixels in the shown picture.
         focus: Focus settings.
         camera: Camera settings.
-        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus,
-            and in which the subject is searched if neither settings nor file define the focus.
+        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus.
+        subject: Subject to focus on if neither settings nor file define the focus; see :func:`is_automatic`.
 
     Raises:
         ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
@@ -186,12 +188,9 @@ def focus_lens(
     """
     metric = depth.kind == "metric"
     check_lens(depth, window, focus, camera)
-    subject = None
-    if image is not None and _is_automatic(focus, depth):
-        subject = find_subject(image, depth.values)
-        if focus.tilt_x or focus.tilt_y:
-            x, y = subject.position
-            focus = replace(focus, range=None, at=(x + window.x, y + window.y))
+    if subject is not None and (focus.tilt_x or focus.tilt_y):
+        x, y = subject.position
+        focus = replace(focus, range=None, at=(x + window.x, y + window.y))
     if isinstance(focus.range, tuple):
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
@@ -283,8 +282,14 @@ def disparity_of_distance(metres: float) -> float:
     return 1 / (1000 * metres)
 
 
-def _is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
-    """Return whether neither settings nor file define the focus."""
+def is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
+    """Return whether neither settings nor file define the focus, so that it falls on the subject.
+
+    Examples:
+        >>> depth = DepthMap(values=np.zeros((2, 3), np.float32), kind="relative", origin="input.disparity")
+        >>> is_automatic(FocusSettings(), depth), is_automatic(FocusSettings(value=0.5), depth)
+        (True, False)
+    """
     metric = depth.kind == "metric"
     in_file = depth.focus is not None
     if metric and depth.camera is not None:

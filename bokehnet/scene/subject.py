@@ -24,6 +24,9 @@ __all__ = ["FaceDetector", "Subject", "SubjectSearch", "detect_faces", "find_sub
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+# Maximum area of a grown surface, in areas of its candidate.
+_MAX_GROWTH = 2.5
+
 # Detector of faces: picture for display (H, W, 3) in [0, 1] to boxes (x, y, width, height) in pixels.
 FaceDetector = Callable[[Array], Sequence[tuple[int, int, int, int]]]
 
@@ -45,6 +48,12 @@ class SubjectSearch:
         max_range: Maximum extent of the sharp range on either side of the subject's median disparity.
         ground_tolerance: Maximum deviation of ground from a plane.
         min_certainty: Certainty below which the fallback replaces the subject.
+
+    Examples:
+        >>> ramp = np.tile(np.linspace(0, 1, 60, dtype=np.float32), (40, 1))
+        >>> image = np.full((40, 60, 3), 0.5, np.float32)
+        >>> find_subject(image, ramp, search=SubjectSearch(min_certainty=1)).is_fallback
+        True
     """
 
     side: int = 144
@@ -71,6 +80,13 @@ class Subject:
         far: Smallest disparity that is to be sharp.
         certainty: Certainty of the choice, 0 to 1.
         is_fallback: True if no candidate was certain, and the focus is the centre-weighted near part.
+
+    Examples:
+        >>> disparity = np.full((60, 90), 0.2, np.float32)
+        >>> disparity[15:45, 30:55] = 0.8  # a card in front of a wall
+        >>> card = find_subject(np.full((60, 90, 3), 0.5, np.float32), disparity)
+        >>> card.note(Window.whole(90, 60))
+        'focus on the subject, at pixel 42,29; `focus.at` or `focus.range` change this'
     """
 
     position: tuple[int, int]
@@ -120,7 +136,7 @@ def find_subject(
         >>> disparity[15:45, 30:55] = 0.8  # a card in front of a wall
         >>> subject = find_subject(np.full((60, 90, 3), 0.5, np.float32), disparity)
         >>> subject.is_fallback, round(subject.disparity, 2), subject.position
-        (False, 0.8, (42, 30))
+        (False, 0.8, (42, 29))
     """
     check_map("disparity", disparity)
     search = search or SubjectSearch()
@@ -163,7 +179,7 @@ def surface_around(disparity: Array, pixel: tuple[int, int], search: SubjectSear
     seed[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] = True
     middle = view.values[row, column]
     seed &= np.abs(view.values - middle) <= search.surface_step
-    return view.subject(seed, 1.0, is_fallback=False)
+    return view.subject(_grown(view, seed), 1.0, is_fallback=False)
 
 
 def detect_faces(picture: Array) -> list[tuple[int, int, int, int]]:
@@ -174,6 +190,10 @@ def detect_faces(picture: Array) -> list[tuple[int, int, int, int]]:
 
     Returns:
         Boxes (x, y, width, height) in pixels; empty without faces or without scikit-image.
+
+    Examples:
+        >>> detect_faces(np.full((100, 150, 3), 0.5, np.float32))
+        []
 
     References:
         Ahonen, Hadid, Pietikainen, "Face description with local binary patterns", 2006; Viola and Jones,
@@ -258,9 +278,10 @@ class _View:
         ]
 
     def subject(self, mask: Mask, certainty: float, *, is_fallback: bool) -> Subject:
-        """Return the subject of a mask, grown to its connected surface."""
-        middle = float(np.median(self.values[mask]))
-        surface = _grown(self, mask, middle)
+        """Return the subject of a mask, grown to its connected surface unless that joins its surroundings."""
+        surface = _grown(self, mask)
+        if surface.sum() > _MAX_GROWTH * mask.sum():  # into the surroundings
+            surface = mask
         values = self.raw[surface]
         limit = self.search.max_range * self.span
         median = float(np.median(self.raw[mask]))
@@ -436,8 +457,9 @@ def _fallback(view: _View) -> Mask:
     return np.asarray(labels == heaviest)
 
 
-def _grown(view: _View, mask: Mask, middle: float) -> Mask:
-    """Return the mask with the smoothly connected rest of its surface; the mask where ground would join."""
+def _grown(view: _View, mask: Mask) -> Mask:
+    """Return the mask with the smoothly connected rest of its surface, without ground."""
+    middle = float(np.median(view.values[mask]))
     allowed = (np.abs(view.values - middle) <= view.search.max_range) & ~view.ground
     allowed |= mask
     grown = mask.copy()
@@ -453,8 +475,7 @@ def _grown(view: _View, mask: Mask, middle: float) -> Mask:
                 grown |= moved & allowed & (np.abs(view.values - values) <= step)
         if grown.sum() == before:
             break
-    leaks = grown.sum() > 2.5 * mask.sum() + 0.02 * mask.size
-    return mask if leaks else grown
+    return grown
 
 
 def _middle_pixel(mask: Mask, difference: Array) -> tuple[int, int]:

@@ -106,7 +106,8 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
     """
     if settings.engine.max_memory is None:
         keep_freed_memory()
-    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+    engine = settings.engine
+    renderer = BokehRenderer(engine.name, weights=engine.weights, threads=threads, cache_bytes=0)
     renderer.check(settings)
     return renderer
 
