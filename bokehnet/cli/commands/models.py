@@ -48,6 +48,7 @@ def models(
         "convention": selected.convention,
         "revision": selected.revision or "not pinned",
         "sha256": selected.sha256 or "not pinned",
+        "attested": selected.attested or "not pinned",
     }
     for key, value in rows.items():
         typer.echo(f"{key:11} {value}")

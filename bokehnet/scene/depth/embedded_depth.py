@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
+from bokehnet.inference.depth_models import recommended_model
 from bokehnet.io.maps import picture_depth_channel
 from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
 from bokehnet.io.window import Window
@@ -78,7 +79,7 @@ class EmbeddedDepth:
                 "input.disparity",
                 expected="one of `input.disparity` and `input.depth`",
                 shown=f"neither, and {holder} has no depth map",
-                remedy="`input.depth_model` estimates it with a network",
+                remedy=_network_remedy(),
             )
         window = photo.window
         if embedded.all_in_focus is not None:
@@ -110,6 +111,15 @@ class EmbeddedDepth:
         low, high = float(depth.values.min()), float(depth.values.max())
         values = (depth.values - low) / ((high - low) or 1.0)
         return replace(depth, values=values, kind="relative", camera=None, filtered=None)
+
+
+def _network_remedy() -> str:
+    """Return how to get a network that estimates the missing depth."""
+    model = recommended_model()
+    if model is None:
+        return "`input.depth_model` estimates it with a network"
+    command = f"`bokehnet models {model.name} --get`"
+    return f"{command} downloads a network that estimates it ({model.size}, licence {model.licence})"
 
 
 def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:

@@ -42,10 +42,6 @@ ALL = [*MAP, *SIZES]
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
         ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
         (
-            [*PHOTO, "--depth", "camera.exr", *CAMERA],
-            ["--focus-distance, --focus-at, --focus-range and", "none"],
-        ),
-        (
             [*PHOTO, "--depth", "camera.exr", *LENS[:-1], 0.04],
             ["cannot focus at 0.04 m: expected more than 50 mm, the --focal-length"],
         ),
