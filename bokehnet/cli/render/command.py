@@ -81,11 +81,13 @@ def render(
     if quiet and verbose:
         raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
     if sequence.frames is None:
+        from bokehnet.cli.commands.models import ensure_depth
         from bokehnet.cli.render.checks import check_inputs, check_job
 
         _check_single(Path(image), sequence, run)
         check_job(Path(image), target, resolved)
         check_inputs(Path(image), resolved)
+        ensure_depth(Path(image), resolved)
     # Kernels are imported from here on.
     from bokehnet.cli.render.frame import FrameJob
     from bokehnet.cli.render.summary import SummaryPrinter
@@ -133,11 +135,9 @@ def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> 
 
 
 def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> None:
-    from bokehnet.cli.commands.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.render.frame import render_one
 
-    ensure_model(job.settings.input.depth_model)
     with compile_notice(hidden=quiet):
         printer.print_single(render_one(job, quiet=quiet))
 

@@ -8,16 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
+from bokehnet.inference.depth_models import recommended_model
+from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.maps import picture_depth_channel
 from bokehnet.io.metadata.camera import Camera
-from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
+from bokehnet.io.phone_depth import PhoneDepth, has_phone_depth, read_phone_depth
 from bokehnet.io.window import Window
 from bokehnet.scene.camera import DEFAULT_FOCAL_LENGTH, full_frame_camera, has_view
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.explicit_depth import MetricDepth
 from bokehnet.scene.depth.network_depth import cached_network
 
-__all__ = ["EmbeddedDepth"]
+__all__ = ["EmbeddedDepth", "has_own_depth", "no_depth_error"]
 
 # Distance of the nearest point, mm, for a phone's map without distances; the farthest is at infinity.
 _NEAREST_DISTANCE = 1000.0
@@ -76,13 +78,7 @@ class EmbeddedDepth:
             embedded = PhoneDepth(disparity=estimate.values, metric=estimate.kind == "metric")
             notes = (f"depth estimated by {network.model}, as the picture has none",)
         if embedded is None:
-            holder = "the picture" if photo.path is None else photo.path
-            raise ParameterError(
-                "input.disparity",
-                expected="one of `input.disparity` and `input.depth`",
-                shown=f"neither, and {holder} has no depth map",
-                remedy="`input.depth_model` estimates it with a network",
-            )
+            raise no_depth_error(photo.path)
         window = photo.window
         if embedded.all_in_focus is not None:
             height, width = embedded.all_in_focus.shape[:2]
@@ -125,6 +121,34 @@ def _assumptions(embedded: PhoneDepth, camera: Camera | None) -> tuple[str, ...]
     if not has_view(camera):
         assumptions.append(f"{DEFAULT_FOCAL_LENGTH:g} mm on full frame")
     return tuple(assumptions)
+
+
+def has_own_depth(path: Path) -> bool:
+    """Return whether a picture's file holds depth; reads no pixels of the picture.
+
+    Raises:
+        ImageFileError: The file cannot be read.
+    """
+    return has_phone_depth(path) or (not is_heif(path) and picture_depth_channel(path) is not None)
+
+
+def no_depth_error(path: Path | None) -> ParameterError:
+    """Return the error of a picture without depth; None for an array."""
+    return ParameterError(
+        "input.disparity",
+        expected="one of `input.disparity` and `input.depth`",
+        shown=f"neither, and {'the picture' if path is None else path} has no depth map",
+        remedy=_network_remedy(),
+    )
+
+
+def _network_remedy() -> str:
+    """Return how to get a network that estimates the missing depth."""
+    model = recommended_model()
+    if model is None:
+        return "`input.depth_model` estimates it with a network"
+    command = f"`bokehnet models {model.name} --get`"
+    return f"{command} downloads a network that estimates it ({model.size}, licence {model.licence})"
 
 
 def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:
