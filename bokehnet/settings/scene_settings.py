@@ -56,6 +56,10 @@ def _names_filter(text: str) -> bool:
         return False
 
 
+def _focus_range(text: str) -> tuple[float, ...] | str:
+    return "off" if text == "off" else parse_numbers(text)
+
+
 def _pixel(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
 
@@ -219,7 +223,7 @@ class DepthSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusSettings(Group):
-    """Focus: a disparity, a distance, a pixel, a range or a tilted plane.
+    """Focus: a disparity, a distance, a pixel, a range or a tilted plane. Default: file, else subject.
 
     Examples:
         >>> FocusSettings(range=(1.5, 3)).range  # metres, with metric depth
@@ -259,15 +263,16 @@ class FocusSettings(Group):
         parse=_pixel,
         expected="two whole numbers X,Y of a pixel",
     )
-    range: tuple[float, float] | None = setting(
+    range: tuple[float, float] | Literal["off"] | None = setting(
         None,
-        "Range in focus; blur grows beyond both ends. Metres with --depth, else disparities 0..1.",
+        "Range in focus; blur grows beyond both ends. Metres with --depth, else disparities 0..1. Default "
+        "without any focus: the surface of the subject; off focuses on its middle only.",
         flag="focus-range",
-        metavar="NEAR,FAR",
-        parse=parse_numbers,
+        metavar="NEAR,FAR|off",
+        parse=_focus_range,
         low=0,
         infinite=True,
-        expected="two numbers from 0 up, such as 0.5,2",
+        expected="two numbers from 0 up, such as 0.5,2, or off",
     )
     plane: tuple[Pixel, Pixel, Pixel] | None = setting(
         None,
@@ -327,6 +332,7 @@ class CameraSettings(Group):
 
     GROUP: ClassVar[str] = "camera"
     TITLE: ClassVar[str] = "Camera and blur strength"
+    ONE_OF: ClassVar[tuple[str, ...]] = ("blur", "strength")
 
     blur: float | None = setting(
         None,
@@ -335,15 +341,24 @@ class CameraSettings(Group):
         unit="pixels",
         low=0,
     )
+    strength: float | None = setting(
+        None,
+        "With --disparity or a phone's photo: blur strength, 0 to 100. The largest blur radius is this "
+        "percentage of 8 % of the longer side. Default: 50, i.e. 4 %.",
+        low=0,
+        high=100,
+    )
     focal_length: float | None = setting(
         None,
-        "With --depth: focal length, mm. Default: metadata of the picture's file.",
+        "With --depth: focal length, mm. With --disparity and --f-number: of a full-frame camera. Default: "
+        "metadata of the picture's file.",
         unit="mm",
         above=0,
     )
     f_number: float | None = setting(
         None,
-        "With --depth or a phone's photo: f-number, such as 1.8. Default: metadata of the picture's file.",
+        "F-number, such as 1.8. Default: metadata of the picture's file. With --disparity: of a full-frame "
+        "camera with the nearest point at 1 m and the farthest at infinity.",
         above=0,
     )
     sensor_width: float | None = setting(

@@ -62,7 +62,12 @@ def depth_source(settings: RenderSettings) -> DepthSource:
         return NetworkDepth(model=inputs.depth_model, convention=inputs.depth_convention or "")
     if inputs.constant_disparity is not None:
         return ConstantDisparity(value=inputs.constant_disparity)
-    return EmbeddedDepth(relative=settings.camera.blur is not None)
+    camera = settings.camera
+    metric = (camera.f_number, camera.focal_length, camera.sensor_width, settings.focus.distance)
+    return EmbeddedDepth(
+        relative=camera.blur is not None or camera.strength is not None,
+        relative_estimate=metric == (None,) * 4,
+    )
 
 
 def gives_metric_depth(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:

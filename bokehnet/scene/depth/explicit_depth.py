@@ -14,7 +14,6 @@ from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
 from bokehnet.io.metadata.camera import Camera, camera_from_exr
 from bokehnet.io.pixels import ImageFile
-from bokehnet.optics.coc import disparity_from_depth
 from bokehnet.scene.camera import merged_camera
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 
@@ -84,7 +83,7 @@ class RelativeDisparity:
                 f"{self.map}: expected stored disparity in 0..1 for a sequence, found {actual}; {remedy}"
             )
         values = 1 - values if self.invert else values
-        return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
+        return DepthMap(values=values, kind="relative", origin=self.origin, camera=photo.camera, notes=notes)
 
 
 def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
@@ -139,6 +138,8 @@ class MetricDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
         _check_source("depth", self.map)
         if isinstance(self.map, np.ndarray):
             depth, camera = depth_to_mm(self.map, self.unit), photo.camera

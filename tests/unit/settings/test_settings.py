@@ -203,7 +203,7 @@ VALID = [
     {"input": {"layers": "a.exr"}},
     {"input": {"depth_model": "a.onnx", "depth_convention": "midas"}, "focus": {"at": (3, -4)}},
     {"input": {"constant_disparity": 0.5}, "focus": {"range": (math.inf, 0.5)}},
-    {"focus": {"plane": ((1, 2), (3, 4), (50, 6))}},
+    {"focus": {"plane": ((1, 2), (3, 4), (50, 6))}, "camera": {"strength": 80}},
 ]  # fmt: skip
 
 

@@ -69,6 +69,7 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "pixel_filter": None,
         "pixel_filter_reason": None,
         "pixel_filter_confidence": None,
+        "assumptions": [],
         "notes": [],
     }
 
