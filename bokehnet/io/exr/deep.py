@@ -244,4 +244,5 @@ def _group_sums(values: Array, ends: Array, order: NDArray[np.intp]) -> Array:
         np.bincount(index.ravel(), values[..., channel].ravel(), 2 * count * pixels)
         for channel in range(channels)
     ]
-    return np.stack(sums, -1).reshape(pixels, 2 * count, channels)
+    grouped: Array = np.stack(sums, -1).reshape(pixels, 2 * count, channels).astype(np.float64)
+    return grouped
