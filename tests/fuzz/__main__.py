@@ -1,6 +1,9 @@
 """Command line: run given files once, or mutate seeds until the time is up."""
 
 import argparse
+import contextlib
+import importlib
+import pkgutil
 import sys
 import tempfile
 from collections import Counter
@@ -36,13 +39,22 @@ def run_files(folder: Path, max_seconds: float) -> int:
     return sum(count for kind, count in counts.items() if kind not in ("done", "refused"))
 
 
+def import_all() -> None:
+    """Import the modules of the commands once, before children are forked."""
+    for room in ("cli", "depth_repair", "engines", "inference", "io", "lenses", "render", "scene", "sequence"):
+        package = importlib.import_module(f"bokehnet.{room}")
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module.name)
+
+
 def main() -> int:
     """Parse the command line and run."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--files", type=Path, help="folder of files to run once, without mutation")
     parser.add_argument("--seconds", type=float, default=MAX_SECONDS, help="time limit of an attempt")
     options = parser.parse_args()
-
+    import_all()
     if options.files is not None:
         return 1 if run_files(options.files, options.seconds) else 0
     return 0
