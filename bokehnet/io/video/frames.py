@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError, ParameterError, errors_of_file
+from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, errors_of_file
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
@@ -191,7 +191,10 @@ def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str)
     av = _import_av()
 
     def fill(temporary: Path) -> None:
-        with av.open(str(info.path)) as source, av.open(str(temporary), "w") as target:
+        with (
+            av.open(str(info.path), metadata_errors="replace") as source,
+            av.open(str(temporary), "w") as target,
+        ):
             encoder, options = CODECS[codec]
             stream = target.add_stream(encoder, rate=info.rate, options=dict(options))
             _configure(av, stream.codec_context, info, codec)
@@ -336,6 +339,8 @@ def _open(path: Path | str) -> Iterator[Any]:
         try:
             with av.open(str(path), metadata_errors="replace") as container:
                 yield container
+        except BokehnetError:  # some are also OSError
+            raise
         except (av.error.FFmpegError, OSError) as error:
             raise ImageFileError(
                 f"{path}: expected a video, the file cannot be read: {_reason(error)}"
