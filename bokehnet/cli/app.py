@@ -117,6 +117,7 @@ def main() -> None:
     # NumPy's overflow warnings: checks raise errors where they matter.
     warnings.simplefilter("ignore", RuntimeWarning)
     open_closed_streams()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
     arguments = sys.argv[1:]
     if arguments[:1] in _SERVICES:
         _leave(run(arguments))

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from bokehnet.cli.streams import library_lines_caught
+
 __all__ = ["Attempt", "attempt"]
 
 MAX_MEMORY_BYTES = 2**30
@@ -22,7 +24,7 @@ _ADDRESS_SPACE_BYTES = 3 * 2**30
 _MAX_OUTPUT_BYTES = 2**20
 _MAX_FILE_BYTES = 2**28
 _ERROR, _NOTICE = "bokehnet: error: ", "bokehnet: "
-_PROGRESS_BAR = re.compile(r"[a-z ]+: +\d+%\|")
+_PROGRESS_BAR = re.compile(r"[a-z ]+: +\d+%\||.*: \d+ frames of ")
 _UNEXPECTED = 99  # exit code of a child whose task raised
 
 
@@ -94,7 +96,8 @@ def _run(task: Callable[[], int], errors: int, max_seconds: float) -> None:
             (resource.RLIMIT_CORE, 0),
         ):
             resource.setrlimit(kind, (limit, limit))
-        code = task()
+        with library_lines_caught():
+            code = task()
     except BaseException:
         os.write(2, traceback.format_exc().encode())
     finally:

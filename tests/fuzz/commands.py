@@ -26,6 +26,7 @@ VIDEOS = (".mp4", ".mov", ".mkv", ".webm")
 LENSES = (".zmx", ".seq", ".len", ".json", ".roa", ".csv", ".fx", ".npz", ".toml")
 ARCHIVES = (".bokeh",)
 
+_RAYS = ["--engine", "rays"]
 _SCATTER = ["--engine", "scatter", "--repair-disparity", "off"]
 _RELATIVE = ["--blur", "4", "--focus", "0.4", "--resize-disparity"]
 _METRIC = ["--focal-length", "50", "--f-number", "2", "--sensor-width", "36", "--focus-distance", "2"]
@@ -72,6 +73,8 @@ def _task(words: list[str]) -> Callable[[], int]:
 
 def _command_lines(path: Path, suffix: str, partners: Path) -> list[list[object]]:
     picture, depth_map, output = partners / "partner.png", partners / "partner_map.png", partners / "out.png"
+    render = ["render", picture, "--disparity", depth_map, "-o", output, *_RELATIVE]
+    rays = [*render, "--repair-disparity", "off", *_RAYS]
     relative = ["render", picture, "--disparity", depth_map, "-o", output, *_RELATIVE, *_SCATTER]
     if suffix in PICTURES:
         lines: list[list[object]] = [
@@ -90,8 +93,19 @@ def _command_lines(path: Path, suffix: str, partners: Path) -> list[list[object]
     if suffix in VIDEOS:
         return [
             ["render", path, "--disparity", path, "-o", partners / "out.mkv", *_RELATIVE, *_SCATTER],
-            ["render", path, "--constant-disparity", "0.4", "--blur", "3", "--focus", "0.2"]
-            + ["-o", partners / "out.mp4", *_SCATTER],
+            [
+                "render",
+                path,
+                "--constant-disparity",
+                "0.4",
+                "--blur",
+                "3",
+                "--focus",
+                "0.2",
+                "-o",
+                partners / "out.mp4",
+                *_SCATTER,
+            ],
         ]
     if suffix == ".onnx":
         return [
@@ -127,17 +141,17 @@ def _command_lines(path: Path, suffix: str, partners: Path) -> list[list[object]
     if suffix in LENSES:
         lines += [["lens", path], ["lens", "show", path, "--f-number", "8", "--focus", "2"]]
         lines += [["lens", "import", path, "-o", partners / "imported.toml"]]
-        lines += [[*relative, "--lens", path]]
+        lines += [[*rays, "--lens", path]]
     if suffix == ".agf":
         lens = partners / "uses_glass.zmx"
         lens.write_text(ZMX)
         lines += [["lens", "import", lens, "--glasses", path]]
     if suffix in (".toml", ".csv", ".txt"):
-        lines += [[*relative, "--fringe", "2", "--equaliser", path]]
+        lines += [[*rays, "--axial-fringe", "2", "--equaliser", path]]
         lines += [
             [*relative, "--settings", path],
             [*relative, "--preset", path],
-            [*relative, "--aberration-table", path],
+            [*rays, "--aberration-table", path],
         ]
         lines += [[*sequence, "--pull", path], ["presets", path], ["trace", path, "-o", partners / "out.exr"]]
     return lines
@@ -182,3 +196,17 @@ SURF 2
 SURF 3
   DISZ 0
 """
+
+
+def check_request_text(text: bytes) -> int:
+    """Check the settings of a request to the service; errors are printed as the command line does."""
+    from bokehnet.errors import BokehnetError
+    from bokehnet.serve.requests import check_request
+
+    files = {"image": "image.png", "disparity": "disparity.png"}
+    try:
+        check_request(text.decode("utf-8", "surrogateescape"), None, "png", files)
+    except BokehnetError as error:
+        print(f"bokehnet: error: {error}", file=sys.stderr, flush=True)  # noqa: T201
+        return 1
+    return 0
