@@ -107,4 +107,5 @@ def prepare(
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
+        reading=scene.depth.reading,
     )

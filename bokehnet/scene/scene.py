@@ -112,6 +112,7 @@ class FocusedScene:
         supersampled: Size of the arrays and the window relative to the result: 1 or 2. Blur radii are in
             pixels of these arrays.
         layers: Successive surfaces with their blur radii, where they are known.
+        reading: Assumptions about the map for the summary, a few words each.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -138,6 +139,7 @@ class FocusedScene:
     known: KnownSurfaces | None = None
     supersampled: int = 1
     layers: Layers | None = None
+    reading: tuple[str, ...] = ()
 
 
 def make_scene(

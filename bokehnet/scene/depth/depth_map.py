@@ -81,6 +81,7 @@ class DepthMap:
         all_in_focus: Picture to render instead, (H, W, 3): a phone's original before its portrait blur.
         notes: Warnings about the map and automatic choices, one line each.
         layers: Successive surfaces, where they are known.
+        reading: Assumptions about the map for the summary, a few words each: unit, direction, coding, holes.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -99,6 +100,7 @@ class DepthMap:
     all_in_focus: npt.NDArray[np.float32] | None = None
     notes: tuple[str, ...] = ()
     layers: SceneLayers | None = None
+    reading: tuple[str, ...] = ()
 
 
 class DepthSource(Protocol):
