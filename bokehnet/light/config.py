@@ -1,0 +1,58 @@
+"""Constants of the detection and recovery of clipped light."""
+
+from dataclasses import dataclass
+
+__all__ = ["DEFAULT_CONFIG", "LightConfig"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LightConfig:
+    """Constants of :func:`bokehnet.light.recovery.recover_light`; ``python -m benchmarks.clipped_light`` varies them.
+
+    Light is linear, relative to the clip level, unless a unit is given.
+
+    Attributes:
+        lowest_level: Minimum clip level, 8-bit sRGB code.
+        level_spread: Maximum difference of the clip levels of the channels, codes.
+        min_pile: Minimum ratio of the pixels per code at the clip level to those below.
+        min_fraction: Minimum fraction of the picture's pixels at the clip level of a channel.
+        margin: Codes below the clip level that count as clipped.
+        bright: Light of the pixels that form a region.
+        area_gain: Radiance of a large light such as a sky or a window.
+        fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
+            which it is.
+        fill: The same elsewhere.
+        surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
+        far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
+        pooled_pixels: Pixels of all regions of a layer together that each region's own are added to.
+        lamp_radius: Maximum radius of a lamp, fraction of the diagonal.
+        lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
+        lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
+        night: Median light of the picture up to which small lights are lamps, and from which they are not.
+        lamp_gain: Radiance of a lamp without a halo.
+        halo_gain: Radiance of a lamp with a halo per pixel of its radius.
+        surround_reach: Half-width of the surroundings, fraction of the diagonal.
+    """
+
+    lowest_level: int = 248
+    level_spread: int = 2
+    min_pile: float = 2.5
+    min_fraction: float = 2e-5
+    margin: int = 3
+    bright: float = 0.5
+    area_gain: float = 6.0
+    fill_far: tuple[float, float] = (0.3, 0.5)
+    fill: tuple[float, float] = (0.8, 0.93)
+    surround: tuple[float, float] = (0.12, 0.3)
+    far: float = 0.08
+    pooled_pixels: float = 30.0
+    lamp_radius: float = 0.012
+    lamp_fill: tuple[float, float] = (0.1, 0.2)
+    lamp_surround: tuple[float, float] = (0.1, 0.2)
+    night: tuple[float, float] = (0.02, 0.05)
+    lamp_gain: float = 10.0
+    halo_gain: float = 4.8
+    surround_reach: float = 0.03
+
+
+DEFAULT_CONFIG = LightConfig()
