@@ -30,7 +30,14 @@ class LightConfig:
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
         lamp_gain: Radiance of a lamp without a halo.
-        halo_gain: Radiance of a lamp with a halo per pixel of its radius.
+        lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
+        halo_level: Light down to which a halo is measured.
+        halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
+            a halo.
+        edge_width: The same growth of a sharp edge, pixels.
+        core_radius: Radius of the image of a point without its halo, pixels.
+        concentration: Exponent of the brightness with which the light of a lamp with a halo is distributed.
+        diffraction: Wavelength times f-number, pixels.
         surround_reach: Half-width of the surroundings, fraction of the diagonal.
     """
 
@@ -51,7 +58,13 @@ class LightConfig:
     lamp_surround: tuple[float, float] = (0.1, 0.2)
     night: tuple[float, float] = (0.02, 0.05)
     lamp_gain: float = 10.0
-    halo_gain: float = 4.8
+    lamp_share: tuple[float, float] = (0.2, 0.5)
+    halo_level: float = 0.2
+    halo_growth: tuple[float, float] = (0.05, 0.2)
+    edge_width: float = 0.3
+    core_radius: float = 0.9
+    concentration: float = 16.0
+    diffraction: float = 0.95
     surround_reach: float = 0.03
 
 

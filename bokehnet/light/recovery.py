@@ -167,46 +167,93 @@ def _add_lamps(scene: _Bright, excess: Array, config: LightConfig) -> Mask:
         return used
     half = config.bright * scene.level
     regions = connected_components(scene.highest >= half)
+    if regions.count == 0:
+        return used
     at = regions.rows, regions.columns
     area = regions.sums()
     clipped = regions.sums(scene.highest[at] >= scene.level)
     surround = regions.sums(scene.surround[at]) / area
-    radius = np.sqrt(area / np.pi)
+    is_small = np.sqrt(area / np.pi) <= config.lamp_radius * scene.diagonal
+    night *= float(_ramp(clipped[is_small].sum() / max(clipped.sum(), 1), config.lamp_share))
     weight = (
         night
-        * (radius <= config.lamp_radius * scene.diagonal)
+        * is_small
         * _ramp(clipped / area, config.lamp_fill)
         * _ramp(surround, config.lamp_surround[::-1])
     )
-    halo = _halo(scene, regions, area)
+    # Bright matter of a saturated colour clips in one channel alone.
+    second = np.sort(scene.image[at], axis=-1)[:, 1]
+    weight *= regions.sums(second >= scene.level) > 0
+    halo = _Halo.of(scene, regions, area, config)
+    # The light of a point is at the centre of its clipped core, where the least clipped channel is brightest.
+    whole = scene.image[at].sum(-1, dtype=np.float64)
+    peak = np.zeros(regions.count)
+    np.maximum.at(peak, regions.labels, whole)
+    central = (whole / peak[regions.labels]) ** (config.concentration * halo.weight[regions.labels])
     for channel in range(3):
         values = scene.image[(*at, channel)].astype(np.float64)
-        above = values >= half
-        channel_area = regions.sums(above)
-        channel_clipped = regions.sums(values >= scene.level)
-        channel_radius = np.sqrt(channel_area / np.pi)
-        gain = halo * config.halo_gain * channel_radius + (1 - halo) * config.lamp_gain
-        flux = gain * np.where(halo > 0.5, channel_area, channel_clipped) * scene.level
-        shape = np.clip((values - half) / (scene.level - half), 0, 1) ** 2
+        clipped = regions.sums(values >= scene.level)
+        flux = np.where(
+            halo.weight * halo.flux(scene, channel) > 0,
+            halo.weight * halo.flux(scene, channel) + (1 - halo.weight) * config.lamp_gain * clipped,
+            config.lamp_gain * clipped,
+        )
+        shape = central * np.clip((values - half) / (scene.level - half), 0, 1) ** 2
         total = np.maximum(regions.sums(shape), 1e-6)
-        missing = np.maximum(flux - regions.sums(np.where(above, values, 0)), 0) * weight * (channel_clipped > 0)
+        missing = np.maximum(flux * scene.level - regions.sums(values), 0) * weight * (clipped > 0)
         excess[(*at, channel)] += (missing / total)[regions.labels] * shape
     used[at] = (weight > 0)[regions.labels]
     return used
 
 
-def _halo(scene: _Bright, regions: Components, area: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return 1 for regions with the halo of a point of light, 0 for those with a sharp edge."""
-    level = 0.15
-    wide = connected_components(scene.highest >= level * scene.level)
-    index = np.full(scene.lowest.shape, -1, np.intp)
-    index[wide.rows, wide.columns] = wide.labels
-    first = np.unique(regions.labels, return_index=True)[1]
-    parent = index[regions.rows[first], regions.columns[first]]
-    inside = np.bincount(parent, area, wide.count)
-    growth = np.sqrt(wide.sums() / np.pi)[parent], np.sqrt(inside / np.pi)[parent]
-    slope = (growth[0] - growth[1] - 0.6) / np.maximum(growth[1], 0.5)
-    return _ramp(slope, (0.1, 0.3))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Halo:
+    """Halos of small lights: the regions where light is above a low level.
+
+    Attributes:
+        wide: Regions above that level.
+        parent: Wide region of each light.
+        portion: Portion of its wide region that belongs to each light, by area.
+        weight: 1 for lights with the halo of a point of light, 0 for those with a sharp edge.
+        config: Constants.
+    """
+
+    wide: Components
+    parent: npt.NDArray[np.intp]
+    portion: npt.NDArray[np.float64]
+    weight: npt.NDArray[np.float64]
+    config: LightConfig
+
+    @classmethod
+    def of(
+        cls, scene: _Bright, regions: Components, area: npt.NDArray[np.float64], config: LightConfig
+    ) -> "_Halo":
+        wide = connected_components(scene.highest >= config.halo_level * scene.level)
+        index = np.full(scene.lowest.shape, -1, np.intp)
+        index[wide.rows, wide.columns] = wide.labels
+        first = np.unique(regions.labels, return_index=True)[1]
+        parent = index[regions.rows[first], regions.columns[first]]
+        portion = area / np.bincount(parent, area, wide.count)[parent]
+        radius = np.sqrt(area / np.pi)
+        wide_radius = np.sqrt(wide.sums()[parent] * portion / np.pi)
+        # A sharp edge widens by the pixel filter alone.
+        growth = (wide_radius - radius - config.edge_width) / np.maximum(radius, 0.5)
+        return cls(wide, parent, portion, _ramp(growth, config.halo_growth), config)
+
+    def flux(self, scene: _Bright, channel: int) -> npt.NDArray[np.float64]:
+        """Return the flux of each light in a channel, pixels at the clip level.
+
+        The diffraction halo of a point of flux F at radius r is F L / (pi^3 r^3), for L = wavelength times
+        f-number in pixels. So the radius at which it falls to a level gives F.
+
+        Source:
+            Born and Wolf, "Principles of optics", 8.5.2: 2 L / (pi^2 r) of the light is outside radius r.
+        """
+        level = self.config.halo_level
+        above = scene.image[self.wide.rows, self.wide.columns, channel] >= level * scene.level
+        radius = np.sqrt(self.wide.sums(above)[self.parent] * self.portion / np.pi)
+        radius = np.maximum(radius - self.config.core_radius, 0)
+        return np.asarray(level * np.pi**3 / self.config.diffraction * radius**3)
 
 
 def _add_areas(scene: _Bright, excess: Array, used: Mask, config: LightConfig) -> None:
