@@ -29,7 +29,8 @@ class LightConfig:
         lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
-        lamp_gain: Radiance of a lamp without a halo.
+        sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
+        lamp_gain: Minimum and maximum radiance of a lamp without a halo.
         lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
@@ -37,6 +38,8 @@ class LightConfig:
         edge_width: The same growth of a sharp edge, pixels.
         core_radius: Radius of the image of a point without its halo, pixels.
         concentration: Exponent of the brightness with which the light of a lamp with a halo is distributed.
+        edge_power: Exponent of the clipped fraction of a pixel's neighbours with which the light of a lamp
+            without a halo is distributed.
         diffraction: Wavelength times f-number, pixels.
         surround_reach: Half-width of the surroundings, fraction of the diagonal.
     """
@@ -57,13 +60,15 @@ class LightConfig:
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
     night: tuple[float, float] = (0.02, 0.05)
-    lamp_gain: float = 10.0
+    sharp_gain: float = 4.0
+    lamp_gain: tuple[float, float] = (6.0, 40.0)
     lamp_share: tuple[float, float] = (0.2, 0.5)
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
     edge_width: float = 0.3
     core_radius: float = 0.9
     concentration: float = 16.0
+    edge_power: float = 4.0
     diffraction: float = 0.95
     surround_reach: float = 0.03
 

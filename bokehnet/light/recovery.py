@@ -185,25 +185,69 @@ def _add_lamps(scene: _Bright, excess: Array, config: LightConfig) -> Mask:
     second = np.sort(scene.image[at], axis=-1)[:, 1]
     weight *= regions.sums(second >= scene.level) > 0
     halo = _Halo.of(scene, regions, area, config)
-    # The light of a point is at the centre of its clipped core, where the least clipped channel is brightest.
-    whole = scene.image[at].sum(-1, dtype=np.float64)
-    peak = np.zeros(regions.count)
-    np.maximum.at(peak, regions.labels, whole)
-    central = (whole / peak[regions.labels]) ** (config.concentration * halo.weight[regions.labels])
+    central = _centrality(scene, regions, halo.weight, config)
+    color, sharpness = _edge_light(scene, regions, (weight > 0) & (halo.weight < 0.5))
+    sharp_flux = float(np.clip(config.sharp_gain * sharpness, *config.lamp_gain)) * clipped
     for channel in range(3):
         values = scene.image[(*at, channel)].astype(np.float64)
-        clipped = regions.sums(values >= scene.level)
-        flux = np.where(
-            halo.weight * halo.flux(scene, channel) > 0,
-            halo.weight * halo.flux(scene, channel) + (1 - halo.weight) * config.lamp_gain * clipped,
-            config.lamp_gain * clipped,
-        )
+        is_clipped = regions.sums(values >= scene.level) > 0
+        flux = halo.weight * halo.flux(scene, channel) + (1 - halo.weight) * color[:, channel] * sharp_flux
         shape = central * np.clip((values - half) / (scene.level - half), 0, 1) ** 2
         total = np.maximum(regions.sums(shape), 1e-6)
-        missing = np.maximum(flux * scene.level - regions.sums(values), 0) * weight * (clipped > 0)
+        missing = np.maximum(flux * scene.level - regions.sums(values), 0) * weight * is_clipped
         excess[(*at, channel)] += (missing / total)[regions.labels] * shape
     used[at] = (weight > 0)[regions.labels]
     return used
+
+
+def _centrality(
+    scene: _Bright, regions: Components, halo: npt.NDArray[np.float64], config: LightConfig
+) -> npt.NDArray[np.float64]:
+    """Return the weight of each pixel in the light of its lamp, large in the middle of the clipped core.
+
+    Edge pixels of a sharp lamp are clipped although it covers them in part, so that pixels count by their
+    clipped neighbours. The light of a point is where the least clipped channel is brightest.
+    """
+    clipped = np.pad(scene.highest >= scene.level, 1)
+    neighbors = np.zeros(len(regions.rows))
+    for down in range(3):
+        for right in range(3):
+            neighbors += clipped[regions.rows + down, regions.columns + right]
+    whole = scene.image[regions.rows, regions.columns].sum(-1, dtype=np.float64)
+    peak = np.zeros(regions.count)
+    np.maximum.at(peak, regions.labels, whole)
+    weight = halo[regions.labels]
+    point = (whole / peak[regions.labels]) ** (config.concentration * weight)
+    return np.asarray(point * (neighbors / 9) ** (config.edge_power * (1 - weight)))
+
+
+def _edge_light(
+    scene: _Bright, regions: Components, is_lamp: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.float64], float]:
+    """Return the colour of each light, (regions, 3), 1 in its brightest channel, and the sharpness of edges.
+
+    An edge pixel that a light covers by a fraction a shows a times its radiance if that is not clipped. The
+    unclipped edge pixels show its colour. Their mean light falls with the radiance F of lights without a
+    halo, as those with a > 1 / F are clipped; half its inverse, over all edge pixels that are not clipped,
+    is the sharpness.
+    """
+    values = scene.highest[regions.rows, regions.columns]
+    core = (values >= scene.level) & is_lamp[regions.labels]
+    sums, light_sum, pairs = np.full((regions.count, 3), 1e-3), 0.0, 0
+    height, width = scene.lowest.shape
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            rows, columns = regions.rows[core] + down, regions.columns[core] + right
+            keep = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+            keep[keep] = scene.highest[rows[keep], columns[keep]] < scene.level
+            rows, columns, labels = rows[keep], columns[keep], regions.labels[core][keep]
+            around = scene.surround[rows, columns, None] * scene.level
+            light = np.maximum(scene.image[rows, columns] - around, 0)
+            for channel in range(3):
+                sums[:, channel] += np.bincount(labels, light[:, channel], regions.count)
+            light_sum += float(light.max(-1).sum())
+            pairs += len(rows)
+    return sums / sums.max(-1, keepdims=True), pairs / max(2 * light_sum / scene.level, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
