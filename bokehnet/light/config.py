@@ -19,7 +19,20 @@ class LightConfig:
         margin: Codes below the clip level that count as clipped.
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
-        fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
+        area_sharp_gain: Radiance of large lights over the sharpness of their edges.
+        area_gains: Minimum and maximum radiance measured by the sharpness of edges.
+        measurable: Sharpness from which the edges of large lights measure their radiance, and from which they
+            alone do.
+        min_edge_pixels: Minimum number of edge pixels for that.
+        edge_dark: Light of the dark side of an edge.
+        min_weight: Minimum weight of a region; regions below it stay unchanged.
+        area_sharp_gain: float = 1.9
+    area_gains: tuple[float, float] = (1.5, 8.0)
+    measurable: tuple[float, float] = (0.8, 1.2)
+    min_edge_pixels: int = 30
+    edge_dark: float = 0.15
+    min_weight: float = 0.1
+    fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
             which it is.
         fill: The same elsewhere.
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
@@ -51,16 +64,22 @@ class LightConfig:
     margin: int = 3
     bright: float = 0.5
     area_gain: float = 6.0
+    area_sharp_gain: float = 1.9
+    area_gains: tuple[float, float] = (1.5, 8.0)
+    measurable: tuple[float, float] = (0.8, 1.2)
+    min_edge_pixels: int = 30
+    edge_dark: float = 0.15
+    min_weight: float = 0.1
     fill_far: tuple[float, float] = (0.3, 0.5)
     fill: tuple[float, float] = (0.8, 0.93)
     surround: tuple[float, float] = (0.12, 0.3)
     far: float = 0.08
-    pooled_pixels: float = 30.0
+    pooled_pixels: float = 150.0
     lamp_radius: float = 0.012
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
     night: tuple[float, float] = (0.02, 0.05)
-    sharp_gain: float = 4.0
+    sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)
     lamp_share: tuple[float, float] = (0.2, 0.5)
     halo_level: float = 0.2

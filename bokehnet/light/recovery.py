@@ -186,7 +186,7 @@ def _add_lamps(scene: _Bright, excess: Array, config: LightConfig) -> Mask:
     weight *= regions.sums(second >= scene.level) > 0
     halo = _Halo.of(scene, regions, area, config)
     central = _centrality(scene, regions, halo.weight, config)
-    color, sharpness = _edge_light(scene, regions, (weight > 0) & (halo.weight < 0.5))
+    color, sharpness = _edge_light(scene, regions, (weight > 0) & (halo.weight < 0.5), config)
     sharp_flux = float(np.clip(config.sharp_gain * sharpness, *config.lamp_gain)) * clipped
     for channel in range(3):
         values = scene.image[(*at, channel)].astype(np.float64)
@@ -221,33 +221,64 @@ def _centrality(
     return np.asarray(point * (neighbors / 9) ** (config.edge_power * (1 - weight)))
 
 
+def _edge_pixels(
+    values: Array, level: float, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], dark: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the unclipped neighbours of clipped pixels at edges towards the dark.
+
+    Args:
+        values: Light of each pixel, (H, W).
+        level: Clip level.
+        rows: Rows of clipped pixels, (N,).
+        columns: Their columns, (N,).
+        dark: Light up to which the pixel three steps away counts as dark.
+
+    Returns:
+        Indices of the clipped pixels, and rows and columns of their neighbours, (pairs,) each.
+    """
+    height, width = values.shape
+    pairs = []
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            near, far = (rows + down, columns + right), (rows + 3 * down, columns + 3 * right)
+            keep = (far[0] >= 0) & (far[0] < height) & (far[1] >= 0) & (far[1] < width)
+            index = np.flatnonzero(keep)
+            index = index[values[near[0][index], near[1][index]] < level]
+            index = index[values[far[0][index], far[1][index]] < dark]
+            pairs.append(np.stack([index, near[0][index], near[1][index]]))
+    index, near_rows, near_columns = np.concatenate(pairs, axis=1)
+    return index, near_rows, near_columns
+
+
 def _edge_light(
-    scene: _Bright, regions: Components, is_lamp: npt.NDArray[np.bool_]
+    scene: _Bright, regions: Components, is_lamp: npt.NDArray[np.bool_], config: LightConfig
 ) -> tuple[npt.NDArray[np.float64], float]:
     """Return the colour of each light, (regions, 3), 1 in its brightest channel, and the sharpness of edges.
 
-    An edge pixel that a light covers by a fraction a shows a times its radiance if that is not clipped. The
-    unclipped edge pixels show its colour. Their mean light falls with the radiance F of lights without a
-    halo, as those with a > 1 / F are clipped; half its inverse, over all edge pixels that are not clipped,
-    is the sharpness.
+    An edge pixel that a light covers by a fraction a shows a times its radiance if that is not clipped: the
+    unclipped edge pixels show its colour.
     """
-    values = scene.highest[regions.rows, regions.columns]
-    core = (values >= scene.level) & is_lamp[regions.labels]
-    sums, light_sum, pairs = np.full((regions.count, 3), 1e-3), 0.0, 0
-    height, width = scene.lowest.shape
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            rows, columns = regions.rows[core] + down, regions.columns[core] + right
-            keep = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-            keep[keep] = scene.highest[rows[keep], columns[keep]] < scene.level
-            rows, columns, labels = rows[keep], columns[keep], regions.labels[core][keep]
-            around = scene.surround[rows, columns, None] * scene.level
-            light = np.maximum(scene.image[rows, columns] - around, 0)
-            for channel in range(3):
-                sums[:, channel] += np.bincount(labels, light[:, channel], regions.count)
-            light_sum += float(light.max(-1).sum())
-            pairs += len(rows)
-    return sums / sums.max(-1, keepdims=True), pairs / max(2 * light_sum / scene.level, 1.0)
+    core = np.flatnonzero(
+        (scene.highest[regions.rows, regions.columns] >= scene.level) & is_lamp[regions.labels]
+    )
+    dark = config.edge_dark * scene.level
+    index, rows, columns = _edge_pixels(
+        scene.highest, scene.level, regions.rows[core], regions.columns[core], dark
+    )
+    light = np.maximum(scene.image[rows, columns] - scene.surround[rows, columns, None] * scene.level, 0)
+    labels = regions.labels[core[index]]
+    sums = np.stack([np.bincount(labels, light[:, channel], regions.count) for channel in range(3)], -1) + 1e-3
+    return sums / sums.max(-1, keepdims=True), _sharpness(light.max(-1) / scene.level)
+
+
+def _sharpness(edge_light: npt.NDArray[np.floating]) -> float:
+    """Return half the inverse of the mean light of edge pixels relative to the clip level.
+
+    An edge pixel that light of radiance F covers by a fraction a is clipped if a > 1 / F. With a uniform in
+    [0, 1] and the others clipped, the mean over all unclipped pixels at the edge, some of them not covered at
+    all, falls as 1 / F; a wide point spread function raises it.
+    """
+    return 0.5 * max(len(edge_light), 1) / max(float(edge_light.sum()), 0.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -320,8 +351,18 @@ def _add_areas(scene: _Bright, excess: Array, used: Mask, config: LightConfig) -
         fill[layer] = (inner_clipped[layer] + n * pooled) / (inner_area[layer] + n)
     weight = far * _ramp(fill, config.fill_far) + (1 - far) * _ramp(fill, config.fill)
     weight *= _ramp(surround, config.surround[::-1])
+    weight *= weight >= config.min_weight
+    core = np.flatnonzero(clipped & (weight > 0)[regions.labels])
+    _, rows, columns = _edge_pixels(
+        scene.lowest, scene.level, regions.rows[core], regions.columns[core], config.edge_dark * scene.level
+    )
+    edge_light = scene.lowest[rows, columns] / scene.level - scene.surround[rows, columns]
+    sharpness = _sharpness(np.maximum(edge_light, 0)) if len(rows) >= config.min_edge_pixels else 0.0
+    measured = float(np.clip(config.area_sharp_gain * sharpness, *config.area_gains))
+    certainty = float(_ramp(sharpness, config.measurable))
+    gain = certainty * measured + (1 - certainty) * config.area_gain
     shape = np.clip((scene.lowest[at] - scene.shoulder) / max(scene.level - scene.shoulder, 1e-6), 0, 1) ** 2
-    factor = (config.area_gain - 1) * weight[regions.labels] * shape
+    factor = (gain - 1) * weight[regions.labels] * shape
     excess[at] += (factor[:, None] * scene.image[at]).astype(np.float32)
 
 
