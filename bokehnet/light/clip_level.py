@@ -17,11 +17,13 @@ class ClipLevel:
     Attributes:
         code: Level as 8-bit sRGB code.
         clipped: Light from which a pixel counts as clipped.
+        top: Light of the level itself.
         shoulder: Light from which the tone curve compresses; equal to ``clipped`` for a hard clip.
     """
 
     code: int
     clipped: float
+    top: float
     shoulder: float
 
 
@@ -79,4 +81,9 @@ def _level(
         return None
     raised = histogram[level - 15 : level] > 1.5 * max(float(np.median(histogram[level - 30 : level - 15])), 1)
     width = margin + int(np.argmin(raised[::-1])) if not raised.all() else margin + len(raised)
-    return ClipLevel(level, float(srgb_light(level - margin - 0.5)), float(srgb_light(level - width - 0.5)))
+    return ClipLevel(
+        code=level,
+        clipped=float(srgb_light(level - margin - 0.5)),
+        top=float(srgb_light(level)),
+        shoulder=float(srgb_light(level - width - 0.5)),
+    )

@@ -36,6 +36,7 @@ class LightConfig:
             which it is.
         fill: The same elsewhere.
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
+        color_power: Exponent of the colour of the bright pixels around a large light.
         far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
         pooled_pixels: Pixels of all regions of a layer together that each region's own are added to.
         lamp_radius: Maximum radius of a lamp, fraction of the diagonal.
@@ -44,6 +45,7 @@ class LightConfig:
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
+        max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
         lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
@@ -70,9 +72,10 @@ class LightConfig:
     min_edge_pixels: int = 30
     edge_dark: float = 0.15
     min_weight: float = 0.1
-    fill_far: tuple[float, float] = (0.3, 0.5)
+    fill_far: tuple[float, float] = (0.2, 0.4)
     fill: tuple[float, float] = (0.8, 0.93)
     surround: tuple[float, float] = (0.12, 0.3)
+    color_power: float = 1.0
     far: float = 0.08
     pooled_pixels: float = 150.0
     lamp_radius: float = 0.012
@@ -81,6 +84,7 @@ class LightConfig:
     night: tuple[float, float] = (0.02, 0.05)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)
+    max_lamp_gain: float = 80.0
     lamp_share: tuple[float, float] = (0.2, 0.5)
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)

@@ -59,8 +59,8 @@ def recover_light(
     )
 
 
-def _common_levels(image: Array, config: LightConfig) -> tuple[float, float] | None:
-    """Return the light from which channels are clipped and the start of the shoulder; None without clipping."""
+def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
+    """Return the clip level of the whole picture; None unless at least two channels clip at the same one."""
     pixels = image.shape[0] * image.shape[1]
     levels = clip_levels(
         image,
@@ -75,7 +75,12 @@ def _common_levels(image: Array, config: LightConfig) -> tuple[float, float] | N
     codes = [level.code for level in known]
     if max(codes) - min(codes) > config.level_spread:
         return None
-    return min(level.clipped for level in known), float(np.median([level.shoulder for level in known]))
+    return ClipLevel(
+        code=min(codes),
+        clipped=min(level.clipped for level in known),
+        top=min(level.top for level in known),
+        shoulder=float(np.median([level.shoulder for level in known])),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +89,8 @@ class _Bright:
 
     Attributes:
         image: Scene-linear picture, (H, W, 3).
-        level: Clip level.
+        level: Light from which a channel is clipped.
+        top: Light of the clip level itself.
         shoulder: Light from which the tone curve compresses.
         lowest: Smallest channel, (H, W).
         highest: Largest channel, (H, W).
@@ -96,6 +102,7 @@ class _Bright:
 
     image: Array
     level: float
+    top: float
     shoulder: float
     lowest: Array
     highest: Array
@@ -106,15 +113,16 @@ class _Bright:
 
     @classmethod
     def of(
-        cls, image: Array, defocus: Array | None, levels: tuple[float, float], config: LightConfig
+        cls, image: Array, defocus: Array | None, levels: ClipLevel, config: LightConfig
     ) -> "_Bright":
-        level, shoulder = levels
+        level = levels.clipped
         lowest, highest = image.min(-1), image.max(-1)
         diagonal = float(np.hypot(*lowest.shape))
         return cls(
             image=image,
             level=level,
-            shoulder=shoulder,
+            top=levels.top,
+            shoulder=levels.shoulder,
             lowest=lowest,
             highest=highest,
             surround=_dark_mean(lowest, config.bright * level, config.surround_reach * diagonal) / level,
@@ -127,23 +135,30 @@ class _Bright:
 
 def _dark_mean(values: Array, limit: float, reach: float) -> Array:
     """Return the mean of the values below ``limit`` in a square of half-width ``reach`` pixels, (H, W)."""
-    step = max(1, round(reach / 8))
-    height, width = values.shape
     dark = values < limit
-    shape = (-(-height // step), -(-width // step))
-    sums = np.zeros((2, *shape))
+    sums = _box_sums([np.where(dark, values, 0), dark.astype(np.float32)], reach)
+    return np.where(sums[..., 1] > 0.5, sums[..., 0] / np.maximum(sums[..., 1], 1), np.float32(limit))
+
+
+def _box_sums(layers: list[Array], reach: float) -> Array:
+    """Return sums over squares of half-width ``reach`` pixels around each pixel, (H, W, layers).
+
+    All pixels of a cell, an eighth of the reach wide, have the same square.
+    """
+    step = max(1, round(reach / 8))
+    height, width = layers[0].shape
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
-    for index, array in enumerate((np.where(dark, values, 0), dark)):
-        sums[index] = np.add.reduceat(np.add.reduceat(array, rows, 0, dtype=np.float64), columns, 1)
     radius = max(1, round(reach / step))
-    for axis in (1, 2):
-        total = np.cumsum(np.insert(sums, 0, 0.0, axis=axis), axis=axis)
-        size = sums.shape[axis]
-        high = np.minimum(np.arange(size) + radius + 1, size)
-        low = np.maximum(np.arange(size) - radius, 0)
-        sums = np.take(total, high, axis) - np.take(total, low, axis)
-    mean = np.where(sums[1] > 0.5, sums[0] / np.maximum(sums[1], 1), limit).astype(np.float32)
-    return np.repeat(np.repeat(mean, step, 0), step, 1)[:height, :width]
+    result = []
+    for layer in layers:
+        sums = np.add.reduceat(np.add.reduceat(layer, rows, 0, dtype=np.float64), columns, 1)
+        for axis in (0, 1):
+            total = np.cumsum(np.insert(sums, 0, 0.0, axis=axis), axis=axis)
+            size = sums.shape[axis]
+            high = np.minimum(np.arange(size) + radius + 1, size)
+            sums = np.take(total, high, axis) - np.take(total, np.maximum(np.arange(size) - radius, 0), axis)
+        result.append(np.repeat(np.repeat(sums.astype(np.float32), step, 0), step, 1)[:height, :width])
+    return np.stack(result, -1)
 
 
 def _farthest(defocus: Array | None, shape: tuple[int, ...], fraction: float) -> Mask:
@@ -188,10 +203,12 @@ def _add_lamps(scene: _Bright, excess: Array, config: LightConfig) -> Mask:
     central = _centrality(scene, regions, halo.weight, config)
     color, sharpness = _edge_light(scene, regions, (weight > 0) & (halo.weight < 0.5), config)
     sharp_flux = float(np.clip(config.sharp_gain * sharpness, *config.lamp_gain)) * clipped
+    limit = config.max_lamp_gain * clipped
     for channel in range(3):
         values = scene.image[(*at, channel)].astype(np.float64)
         is_clipped = regions.sums(values >= scene.level) > 0
         flux = halo.weight * halo.flux(scene, channel) + (1 - halo.weight) * color[:, channel] * sharp_flux
+        flux = np.minimum(flux, limit)
         shape = central * np.clip((values - half) / (scene.level - half), 0, 1) ** 2
         total = np.maximum(regions.sums(shape), 1e-6)
         missing = np.maximum(flux * scene.level - regions.sums(values), 0) * weight * is_clipped
@@ -361,9 +378,18 @@ def _add_areas(scene: _Bright, excess: Array, used: Mask, config: LightConfig) -
     measured = float(np.clip(config.area_sharp_gain * sharpness, *config.area_gains))
     certainty = float(_ramp(sharpness, config.measurable))
     gain = certainty * measured + (1 - certainty) * config.area_gain
-    shape = np.clip((scene.lowest[at] - scene.shoulder) / max(scene.level - scene.shoulder, 1e-6), 0, 1) ** 2
-    factor = (gain - 1) * weight[regions.labels] * shape
-    excess[at] += (factor[:, None] * scene.image[at]).astype(np.float32)
+    span = max(scene.top - scene.shoulder, 1e-6)
+    shape = np.clip((scene.lowest[at] - scene.shoulder) / span, 0, 1) ** 2
+    factor = ((gain - 1) * weight[regions.labels] * shape)[:, None]
+    excess[at] += (factor * scene.image[at] * _color_around(scene, bright, config)[at]).astype(np.float32)
+
+
+def _color_around(scene: _Bright, bright: Mask, config: LightConfig) -> Array:
+    """Return the colour of bright pixels that are not clipped around each pixel, (H, W, 3), of mean 1."""
+    shown = bright & (scene.highest < scene.shoulder)
+    reach = config.surround_reach * scene.diagonal
+    sums = _box_sums([shown * scene.image[..., c] for c in range(3)], reach) + 1e-3
+    return (sums / sums.mean(-1, keepdims=True)) ** config.color_power
 
 
 def _eroded(mask: Mask) -> Mask:
