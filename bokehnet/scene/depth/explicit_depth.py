@@ -17,7 +17,6 @@ from bokehnet.io.maps import StoredMap, depth_to_mm, read_map, read_stored_map
 from bokehnet.io.metadata.camera import Camera, camera_from_exr
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.window import Window
-from bokehnet.optics.coc import disparity_from_depth
 from bokehnet.scene.camera import merged_camera
 from bokehnet.scene.depth.depth_geometry import disparity_between_planes, planar_factor
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
@@ -221,6 +220,8 @@ class MetricDepth:
         if missing.counts["negative"] > numbers.size / 2:
             raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
         disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
         values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
         return values, (f"depth in {unit}", *stored.reading, *reading), (*stored.notes, *notes)
