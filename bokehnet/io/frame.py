@@ -149,7 +149,7 @@ def without_origin(frame: Frame) -> Frame:
     return replace(frame, _origin=None)
 
 
-@renamed_keywords(beside="extra_channels", wanted="output_format")
+@renamed_keywords
 def write_frame(
     path: Path | str,
     frame: Frame,

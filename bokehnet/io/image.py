@@ -85,7 +85,7 @@ def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -
     return convert(image, space, like, out=image)
 
 
-@renamed_keywords(beside="extra_channels")
+@renamed_keywords
 def write_image(
     path: Path | str | BinaryIO,
     image: NDArray[Any],

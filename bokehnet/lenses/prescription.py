@@ -272,4 +272,4 @@ class PrescriptionLens:
         beam = trace(self.surfaces_at(wavelength), beam)
         return array_namespace(place).stack(beam.at(self.sensor_position), -1), beam.passes
 
-    fastest = earlier_name("fastest", "min_f_number")
+    fastest = earlier_name("PrescriptionLens", "fastest")

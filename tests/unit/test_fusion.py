@@ -13,7 +13,7 @@ def test_the_ends_of_the_error_map_choose_one_side():
 
 def test_between_the_ends_the_map_is_the_weight_of_the_network():
     """Peng et al., "BokehMe", CVPR 2022: (1 - E) times the classical picture plus E times the neural one."""
-    assert_allclose(fuse(np.full((1, 1, 3), 8.0), np.zeros((1, 1, 3)), np.full((1, 1, 1), 0.25)), 6.0)
+    assert_allclose(fuse(np.full((1, 1, 3), 8.0), np.full((1, 1, 3), 4.0), np.full((1, 1, 1), 0.25)), 7.0)
 
 
 def test_arrays_and_tensors_give_the_same():
