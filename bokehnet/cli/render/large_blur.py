@@ -15,6 +15,9 @@ __all__ = ["confirm_set_blur", "expected_seconds", "large_blur_notice", "largest
 # Blur radius, relative to the width, and time, s, above which a render is worth a question.
 _LARGE_BLUR, _LONG_SECONDS = 0.15, 10.0
 
+# Blur radius that no renderer accepts, pixels.
+_MAX_RADIUS = 1e9
+
 # Processor time per pixel, s, without blur and per pixel of blur radius; measured on photographs of 0.2 and
 # 0.6 megapixels with radii of 2 % to 1400 % of the width.
 _PIXEL_SECONDS = {"scatter": (1e-7, 3e-9), "rays": (1.5e-6, 1e-7)}
@@ -89,7 +92,7 @@ def large_blur_notice(engine: str, width: int, height: int, radius: float) -> st
         >>> large_blur_notice("scatter", 1000, 1000, 100)
         ''
     """
-    if radius <= _LARGE_BLUR * width:
+    if not _LARGE_BLUR * width < radius < _MAX_RADIUS:
         return ""
     seconds = expected_seconds(engine, width, height, radius)
     time = f"{max(seconds, 1):.0f} s" if seconds < 90 else f"{math.ceil(seconds / 60)} minutes"
