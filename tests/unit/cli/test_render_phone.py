@@ -156,7 +156,8 @@ def test_info_describes_the_map_of_a_phone(portrait, cli):
     outcome = cli("info", "portrait.jpg")
     near, far = metres(FRONT), metres(BACK)
     assert (
-        f"depth map  {WIDTH // 2} x {HEIGHT // 2} pixels, {near:.3g} m to {far:.3g} m, no focus stored" in outcome.out
+        f"depth map  {WIDTH // 2} x {HEIGHT // 2} pixels, {near:.3g} m to {far:.3g} m, no focus stored"
+        in outcome.out
     )
 
 
