@@ -22,8 +22,8 @@ __all__ = ["render"]
 
 _EXAMPLES = """
 bokehnet render photo.jpg --disparity map.png
-bokehnet render portrait.heic --f-number 1.4
-bokehnet render frame.exr --depth frame.exr --focus-distance 2 -o out.exr
+bokehnet render portrait.heic --strength 70 -o out.jpg
+bokehnet render shot.exr --depth shot.exr --focus-distance 2 -o out.exr
 bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 """
 
@@ -61,7 +61,8 @@ def render(
 ) -> None:
     """Render bokeh from an image and its depth or disparity.
 
-    Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time.
+    Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time, and all
+    that was assumed.
     """
     sequence, run = (
         SequenceSettings(**option_values.pop("sequence", {})),
