@@ -176,8 +176,6 @@ class MetricDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
-
         _check_source("depth", self.map)
         camera = photo.camera
         stored = _stored("depth", self.map, self.channel, self.coding, self.holes, photo)
@@ -208,6 +206,8 @@ class MetricDepth:
         self, stored: StoredMap, photo: Photo
     ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
         """Return disparity in 1/mm, words for the summary and notes, of depth in a unit."""
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
         name = _name_of(self.map, "depth map")
         if self.unit is None and stored.largest_integer is not None:
             largest = stored.largest_integer
