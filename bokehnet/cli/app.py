@@ -1,6 +1,7 @@
 """Command-line application, and the handler that prints bokehnet's errors as one line."""
 
 import atexit
+import contextlib
 import os
 import sys
 import threading
@@ -27,10 +28,15 @@ from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import message_of
 from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
+from bokehnet.cli.streams import library_lines_caught, open_closed_streams, write_failure
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
+
+# Commands that run until they are stopped: the lines of libraries are their log.
+_SERVICES = (["serve"], ["studio"])
+_QUIET = {"-q", "--quiet"}
 
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
@@ -80,8 +86,8 @@ def run(arguments: Sequence[str]) -> int:
         arguments: Words after the program's name.
 
     Returns:
-        0 on success, 1 on a user error (one line on stderr), 130 after Ctrl-C. Any other exception is a bug
-        and propagates with its traceback.
+        0 on success, 1 on a user error or an error of the system (one line on stderr), 130 after Ctrl-C. Any
+        other exception is a bug and propagates with its traceback.
     """
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
@@ -92,6 +98,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
     except MemoryError as error:
         return _fail(f"out of memory, try a smaller picture ({error})")
+    except BrokenPipeError:  # the reader of stdout has enough
+        return 1
+    except OSError as error:
+        return _fail(write_failure(error))
     except (KeyboardInterrupt, click.Abort):
         code = _INTERRUPTED
     if code == _INTERRUPTED:
@@ -103,7 +113,32 @@ def main() -> None:
     """Entry point of the ``bokehnet`` program."""
     # NumPy's overflow warnings: checks raise errors where they matter.
     warnings.simplefilter("ignore", RuntimeWarning)
-    _leave(run(sys.argv[1:]))
+    open_closed_streams()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
+    arguments = sys.argv[1:]
+    if arguments[:1] in _SERVICES:
+        _leave(run(arguments))
+    with library_lines_caught() as lines:
+        code = run(arguments)
+        code = _flushed(code)
+    if code == 0 and lines.count and not _QUIET.intersection(arguments):
+        click.echo(f"bokehnet: {lines.summary()}", err=True)
+    _leave(code)
+
+
+def _flushed(code: int) -> int:
+    """Write what stdout still holds; return 1 with one line on stderr where it cannot be written."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = code or 1
+    except OSError as error:
+        code = _fail(write_failure(error)) if code == 0 else code
+    else:
+        return code
+    with contextlib.suppress(OSError):  # so that the end of the process does not try again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
 
 
 def _leave(code: int) -> None:
@@ -126,17 +161,14 @@ def _leave(code: int) -> None:
 def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
     """Return where the help of a wrong option is, for commands with groups of options."""
     command = app.commands.get(arguments[0]) if arguments else None
-    if (
-        not isinstance(error, ParameterError)
-        or not isinstance(command, SectionedCommand)
-        or not command.common
-    ):
+    if not isinstance(error, ParameterError) or not isinstance(command, SectionedCommand):
         return ""
-    group = command.group_of(error.parameter)
+    group = command.group_of(error.parameter) if command.common else ""
     return f"; see bokehnet {command.name} --help {group}" if group else ""
 
 
 def _fail(message: str) -> int:
     line = " ".join(message.split())
-    click.echo(f"bokehnet: error: {line}", err=True)
+    with contextlib.suppress(OSError):  # stderr may be full, or closed
+        click.echo(f"bokehnet: error: {line}", err=True)
     return 1

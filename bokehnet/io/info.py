@@ -70,13 +70,14 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
     with ImageFile(path, progress) as file:
         ranges: dict[str, ChannelRange] = {}
         for part in file.parts:
-            depth_names = depth_channels(part.channels)
+            depth_names, own = depth_channels(part.channels), dict[str, ChannelRange]()
             for start in range(0, len(part.channels), 4):  # in groups: all of an EXR may not fit in memory
                 names = part.channels[start : start + 4]
-                values = file.read(part, names)
-                ranges |= {
-                    name: _range(values[..., i]) for i, name in enumerate(names) if name in depth_names
-                }
+                for _, values in file.read_bands(part, names):
+                    for i, name in enumerate(names):
+                        if name in depth_names:
+                            own[name] = _wider(own.get(name), _range(values[..., i]))
+            ranges |= own
         first = file.parts[0]
         name, refusal = "", ""
         try:
@@ -143,6 +144,18 @@ def _depth_map(path: Path) -> str:
 
 def _metres(disparity: float) -> str:
     return "infinity" if disparity <= 0 else f"{1 / (1000 * disparity):.3g} m"
+
+
+def _wider(known: ChannelRange | None, band: ChannelRange) -> ChannelRange:
+    """Return the range of two bands of rows; the first one may be missing."""
+    if known is None:
+        return band
+    return ChannelRange(
+        lowest=float(np.fmin(known.lowest, band.lowest)),
+        highest=float(np.fmax(known.highest, band.highest)),
+        infinite=known.infinite + band.infinite,
+        nan=known.nan + band.nan,
+    )
 
 
 def _range(values: NDArray[np.float32]) -> ChannelRange:

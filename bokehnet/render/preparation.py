@@ -219,6 +219,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
+        reading=scene.depth.reading,
     )
 
 

@@ -6,6 +6,7 @@ by this path. The fields are defined in ``scene_settings.py``, ``look_settings.p
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -174,12 +175,14 @@ _GROUPS: dict[str, type[Group]] = {
 def _check_across(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless the groups are consistent."""
     source, depth = settings.input, settings.depth
-    needs = {"invert": "disparity", "value_range": "disparity", "as_stored": "disparity", "unit": "depth"}
+    needs = dict.fromkeys(("invert", "value_range", "as_stored"), "disparity")
+    needs |= dict.fromkeys(("unit", "kind", "near", "far"), "depth")
+    known = field_settings(depth)
     errors = ErrorCollector()
     for name, needed in needs.items():
         value = getattr(depth, name)
         with errors.collect():
-            if value not in (None, False) and getattr(source, needed) is None:
+            if value != known[name].default and getattr(source, needed) is None:
                 raise ParameterError(
                     f"depth.{name}",
                     expected=f"`input.{needed}` for it to act on",
@@ -187,6 +190,17 @@ def _check_across(settings: RenderSettings) -> None:
                     remedy="give that, or leave this out",
                     shown="it alone" if value is True else None,
                 )
+    for name in ("coding", "no_data", "holes"):
+        with errors.collect():
+            if getattr(depth, name) != known[name].default and not (source.disparity or source.depth):
+                raise ParameterError(
+                    f"depth.{name}",
+                    expected="`input.disparity` or `input.depth` for it to act on",
+                    got=getattr(depth, name),
+                    remedy="give one of them, or leave this out",
+                )
+    with errors.collect():
+        _check_planes(depth)
     with errors.collect():
         if settings.light.ghosts is not None and settings.lens.name is None:
             raise ParameterError(
@@ -198,6 +212,35 @@ def _check_across(settings: RenderSettings) -> None:
     with errors.collect():
         check_engine(settings, settings.engine.name)
     errors.raise_all()
+
+
+def _check_planes(depth: DepthSettings) -> None:
+    """Raise ``ParameterError`` unless the planes of the stored values 0 and 1 are consistent."""
+    near, far = depth.near, depth.far
+    if (near is None) != (far is None):
+        missing = "near" if near is None else "far"
+        raise ParameterError(
+            f"depth.{missing}", expected="both `depth.near` and `depth.far`, or neither", shown="one"
+        )
+    if near is None or far is None:
+        if depth.kind == "zbuffer":
+            raise ParameterError(
+                "depth.kind", expected="`depth.near` and `depth.far` with zbuffer", shown="neither"
+            )
+        return
+    if depth.unit is not None or depth.kind == "ray":
+        raise ParameterError(
+            "depth.kind" if depth.kind == "ray" else "depth.unit",
+            expected="either this or `depth.near` and `depth.far`",
+            shown="both",
+            remedy="leave one out",
+        )
+    if near == far or (depth.kind == "planar" and math.isinf(max(near, far))):
+        raise ParameterError(
+            "depth.far",
+            expected="a finite distance different from `depth.near`, or `depth.kind` zbuffer",
+            got=far,
+        )
 
 
 def check_engine(settings: RenderSettings, engine: str | None) -> None:

@@ -37,7 +37,7 @@ class FrameSummary:
     def line(self) -> str:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
-        parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
+        parts += [f"blur up to {self.report.largest_blur:.3g} px", *self.report.reading, self._repair()]
         line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
         assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
         return f"{line}; assumed: {assumptions}" if assumptions else line
@@ -65,6 +65,7 @@ class FrameSummary:
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
             "assumptions": [with_option_names(text) for text in report.assumptions],
+            "reading": list(report.reading),
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
@@ -133,7 +134,9 @@ class SummaryPrinter:
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
             smoothed = ", maps smoothed in time" if shot.steady is not None else ""
-            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s")
+            reading = done[min(done)].report.reading if done else ()
+            assumed = "".join(f", {words}" for words in reading)
+            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")
 
     def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Print the summary of a frame if ``verbose``, and the notes of the first frame."""
