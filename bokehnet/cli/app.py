@@ -26,9 +26,10 @@ from bokehnet.cli.commands.warm_up import warm_up
 from bokehnet.cli.completion import install_completion, show_completion
 from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import message_of
+from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
 from bokehnet.cli.streams import library_lines_caught, open_closed_streams, write_failure
-from bokehnet.errors import BokehnetError
+from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
@@ -91,7 +92,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(message_of(error))
+        return _fail(message_of(error) + _help_hint(arguments, error))
     except click.UsageError as error:
         command = "bokehnet" if error.ctx is None else error.ctx.command_path
         return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
@@ -155,6 +156,15 @@ def _leave(code: int) -> None:
         atexit._run_exitfuncs()
         os._exit(code)
     sys.exit(code)
+
+
+def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
+    """Return where the help of a wrong option is, for commands with groups of options."""
+    command = app.commands.get(arguments[0]) if arguments else None
+    if not isinstance(error, ParameterError) or not isinstance(command, SectionedCommand):
+        return ""
+    group = command.group_of(error.parameter) if command.common else ""
+    return f"; see bokehnet {command.name} --help {group}" if group else ""
 
 
 def _fail(message: str) -> int:
