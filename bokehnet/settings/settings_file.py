@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError
-from bokehnet.io.text import read_text
+from bokehnet.io.files.text import read_text
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types, settings_by_flag
 
@@ -87,7 +87,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
         blades = 6
         cats_eye = 0.5
     """
-    from bokehnet.io.atomic import write_text  # imported late: keeps help texts fast
+    from bokehnet.io.files.atomic import write_text  # imported late: keeps help texts fast
 
     lines = []
     for group, values in settings.to_table().items():

@@ -113,7 +113,7 @@ def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
             "--output", expected="a name with a placeholder for the frame, such as out.####.png", shown="none"
         )
     from bokehnet.cli.render.default_output import default_output
-    from bokehnet.io.output_format import IMAGE_EXTENSIONS
+    from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
     from bokehnet.io.video.frames import VIDEO_EXTENSIONS
 
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
