@@ -199,6 +199,22 @@ def _cards(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(wall, 0.1), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.3)))))
 
 
+def _houses(rng: np.random.Generator) -> Scene:
+    """Return white houses and signs in the farthest layer, lit by the sun, with trees before them."""
+    planes = []
+    for _ in range(rng.integers(2, 6)):
+        white = _white_shading(rng, (160, 200), float(rng.uniform(0.8, 1.15)))
+        middle = (float(rng.uniform(-0.9, 0.9)), float(rng.uniform(-0.8, 0.3)))
+        size = float(rng.uniform(0.08, 0.35))
+        planes.append(_card(white, None, middle, (size, size * 1.2), 0.05))
+    for _ in range(rng.integers(1, 4)):
+        alpha = draw_shape(THIN_SHAPES if rng.random() < 0.7 else OPEN_SHAPES, 300, 300, rng)
+        middle = (float(rng.uniform(-1, 1)), float(rng.uniform(-0.4, 0.6)))
+        planes.append(_card(_textured(rng, 0.06, (300, 300)), alpha, middle, (0.9, 1.2), 0.15))
+    wall = _textured(rng, float(rng.uniform(0.05, 0.25)))
+    return Scene(background=_far(wall, 0.04), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.3)))))
+
+
 def _petals(rng: np.random.Generator) -> Scene:
     """Return pale petals and small bright spots of matter before leaves."""
     planes = []
@@ -237,6 +253,7 @@ def _wall(rng: np.random.Generator) -> Scene:
 LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {"sky": _sky, "window": _window, "night": _night}
 MATTER: dict[str, Callable[[np.random.Generator], Scene]] = {
     "cards": _cards,
+    "houses": _houses,
     "petals": _petals,
     "snow": _snow,
     "wall": _wall,

@@ -19,20 +19,16 @@ class LightConfig:
         margin: Codes below the clip level that count as clipped.
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
-        area_sharp_gain: Radiance of large lights over the sharpness of their edges.
-        area_gains: Minimum and maximum radiance measured by the sharpness of edges.
-        measurable: Sharpness from which the edges of large lights measure their radiance, and from which they
-            alone do.
+        area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
+        area_gain_max: Maximum radiance measured by the sharpness of edges.
+        matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
+            shoulder that ends below white.
+        edge_blur: Light two pixels from an edge over that at one pixel, from which the point spread function
+            hides the radiance, partly and altogether.
         min_edge_pixels: Minimum number of edge pixels for that.
         edge_dark: Light of the dark side of an edge.
         min_weight: Minimum weight of a region; regions below it stay unchanged.
-        area_sharp_gain: float = 1.9
-    area_gains: tuple[float, float] = (1.5, 8.0)
-    measurable: tuple[float, float] = (0.8, 1.2)
-    min_edge_pixels: int = 30
-    edge_dark: float = 0.15
-    min_weight: float = 0.1
-    fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
+        fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
             which it is.
         fill: The same elsewhere.
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
@@ -65,17 +61,18 @@ class LightConfig:
     min_fraction: float = 2e-5
     margin: int = 3
     bright: float = 0.5
-    area_gain: float = 6.0
-    area_sharp_gain: float = 1.9
-    area_gains: tuple[float, float] = (1.5, 8.0)
-    measurable: tuple[float, float] = (0.8, 1.2)
+    area_gain: float = 7.0
+    area_sharp_gain: float = 4.5
+    area_gain_max: float = 8.0
+    matter_sharpness: tuple[float, float] = (0.8, 0.6)
+    edge_blur: tuple[float, float] = (0.38, 0.5)
     min_edge_pixels: int = 30
     edge_dark: float = 0.15
     min_weight: float = 0.1
-    fill_far: tuple[float, float] = (0.2, 0.4)
+    fill_far: tuple[float, float] = (0.38, 0.52)
     fill: tuple[float, float] = (0.8, 0.93)
     surround: tuple[float, float] = (0.12, 0.3)
-    color_power: float = 1.0
+    color_power: float = 2.0
     far: float = 0.08
     pooled_pixels: float = 150.0
     lamp_radius: float = 0.012

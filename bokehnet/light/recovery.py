@@ -90,6 +90,7 @@ class _Bright:
     Attributes:
         image: Scene-linear picture, (H, W, 3).
         level: Light from which a channel is clipped.
+        code: Clip level as 8-bit sRGB code.
         top: Light of the clip level itself.
         shoulder: Light from which the tone curve compresses.
         lowest: Smallest channel, (H, W).
@@ -102,6 +103,7 @@ class _Bright:
 
     image: Array
     level: float
+    code: int
     top: float
     shoulder: float
     lowest: Array
@@ -121,6 +123,7 @@ class _Bright:
         return cls(
             image=image,
             level=level,
+            code=levels.code,
             top=levels.top,
             shoulder=levels.shoulder,
             lowest=lowest,
@@ -240,7 +243,7 @@ def _centrality(
 
 def _edge_pixels(
     values: Array, level: float, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], dark: float
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+) -> npt.NDArray[np.intp]:
     """Return the unclipped neighbours of clipped pixels at edges towards the dark.
 
     Args:
@@ -248,23 +251,24 @@ def _edge_pixels(
         level: Clip level.
         rows: Rows of clipped pixels, (N,).
         columns: Their columns, (N,).
-        dark: Light up to which the pixel three steps away counts as dark.
+        dark: Light up to which the pixel four steps away counts as dark.
 
     Returns:
-        Indices of the clipped pixels, and rows and columns of their neighbours, (pairs,) each.
+        Indices of the clipped pixels, rows and columns of their neighbours, and those one step further,
+        (5, pairs).
     """
     height, width = values.shape
     pairs = []
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            near, far = (rows + down, columns + right), (rows + 3 * down, columns + 3 * right)
+            near, far = (rows + down, columns + right), (rows + 4 * down, columns + 4 * right)
             keep = (far[0] >= 0) & (far[0] < height) & (far[1] >= 0) & (far[1] < width)
             index = np.flatnonzero(keep)
             index = index[values[near[0][index], near[1][index]] < level]
             index = index[values[far[0][index], far[1][index]] < dark]
-            pairs.append(np.stack([index, near[0][index], near[1][index]]))
-    index, near_rows, near_columns = np.concatenate(pairs, axis=1)
-    return index, near_rows, near_columns
+            y, x = near[0][index], near[1][index]
+            pairs.append(np.stack([index, y, x, y + down, x + right]))
+    return np.concatenate(pairs, axis=1)
 
 
 def _edge_light(
@@ -279,7 +283,7 @@ def _edge_light(
         (scene.highest[regions.rows, regions.columns] >= scene.level) & is_lamp[regions.labels]
     )
     dark = config.edge_dark * scene.level
-    index, rows, columns = _edge_pixels(
+    index, rows, columns, *_ = _edge_pixels(
         scene.highest, scene.level, regions.rows[core], regions.columns[core], dark
     )
     light = np.maximum(scene.image[rows, columns] - scene.surround[rows, columns, None] * scene.level, 0)
@@ -358,7 +362,7 @@ def _add_areas(scene: _Bright, excess: Array, used: Mask, config: LightConfig) -
     area = regions.sums()
     far = regions.sums(scene.far[at]) / area
     surround = regions.sums(scene.surround[at]) / area
-    inner = _eroded(bright)[at]
+    inner = _eroded(_eroded(bright))[at]
     clipped = scene.lowest[at] >= scene.level
     inner_area, inner_clipped = regions.sums(inner), regions.sums(inner & clipped)
     fill = np.empty(regions.count)
@@ -370,18 +374,36 @@ def _add_areas(scene: _Bright, excess: Array, used: Mask, config: LightConfig) -
     weight *= _ramp(surround, config.surround[::-1])
     weight *= weight >= config.min_weight
     core = np.flatnonzero(clipped & (weight > 0)[regions.labels])
-    _, rows, columns = _edge_pixels(
-        scene.lowest, scene.level, regions.rows[core], regions.columns[core], config.edge_dark * scene.level
-    )
-    edge_light = scene.lowest[rows, columns] / scene.level - scene.surround[rows, columns]
-    sharpness = _sharpness(np.maximum(edge_light, 0)) if len(rows) >= config.min_edge_pixels else 0.0
-    measured = float(np.clip(config.area_sharp_gain * sharpness, *config.area_gains))
-    certainty = float(_ramp(sharpness, config.measurable))
-    gain = certainty * measured + (1 - certainty) * config.area_gain
+    gain = _area_gain(scene, regions.rows[core], regions.columns[core], config)
     span = max(scene.top - scene.shoulder, 1e-6)
     shape = np.clip((scene.lowest[at] - scene.shoulder) / span, 0, 1) ** 2
     factor = ((gain - 1) * weight[regions.labels] * shape)[:, None]
     excess[at] += (factor * scene.image[at] * _color_around(scene, bright, config)[at]).astype(np.float32)
+
+
+def _area_gain(
+    scene: _Bright, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], config: LightConfig
+) -> float:
+    """Return the common radiance of large lights, measured by their edges where these are sharp.
+
+    Args:
+        scene: Picture.
+        rows: Rows of the clipped pixels of large lights, (N,).
+        columns: Their columns, (N,).
+        config: Constants.
+    """
+    dark = config.edge_dark * scene.level
+    _, near_y, near_x, next_y, next_x = _edge_pixels(scene.lowest, scene.level, rows, columns, dark)
+    if len(near_y) < config.min_edge_pixels:
+        return config.area_gain
+    around = scene.surround[near_y, near_x]
+    near = np.maximum(scene.lowest[near_y, near_x] / scene.level - around, 0)
+    further = np.maximum(scene.lowest[next_y, next_x] / scene.level - around, 0)
+    blurred = float(_ramp(further.sum() / max(float(near.sum()), 1e-6), config.edge_blur))
+    has_shoulder = scene.code < 255
+    excess = config.area_sharp_gain * (_sharpness(near) - config.matter_sharpness[has_shoulder])
+    measured = float(np.clip(1 + excess, 1, config.area_gain_max))
+    return (1 - blurred) * measured + blurred * config.area_gain
 
 
 def _color_around(scene: _Bright, bright: Mask, config: LightConfig) -> Array:
