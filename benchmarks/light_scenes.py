@@ -94,7 +94,11 @@ class LightCase:
 
 
 def _card(
-    rgb: np.ndarray, alpha: np.ndarray | None, middle: tuple[float, float], half: tuple[float, float], near: float
+    rgb: np.ndarray,
+    alpha: np.ndarray | None,
+    middle: tuple[float, float],
+    half: tuple[float, float],
+    near: float,
 ) -> Plane:
     """Return a plane that faces the lens; ``middle`` and ``half`` are fractions of the half picture."""
     depth = _CONFIG.nearest_distance / near
@@ -157,7 +161,9 @@ def _window(rng: np.random.Generator) -> Scene:
         bar = np.full((8, 8, 3), 0.05, np.float32)
         planes.append(_card(bar, None, middle, (0.02, half[1]), near * 1.05))
         planes.append(_card(bar, None, middle, (half[0], 0.03), near * 1.05))
-    return Scene(background=_far(wall, near * 0.9), planes=(*planes, _subject(rng, float(rng.uniform(0.05, 0.25)))))
+    return Scene(
+        background=_far(wall, near * 0.9), planes=(*planes, _subject(rng, float(rng.uniform(0.05, 0.25))))
+    )
 
 
 def _night(rng: np.random.Generator) -> Scene:
@@ -246,7 +252,11 @@ def _wall(rng: np.random.Generator) -> Scene:
     """Return a white wall with a patch of sun."""
     light = np.float32(rng.uniform(0.45, 0.8)) * np.ones((256, 384, 1))
     patch = draw_shape(SOLID_SHAPES, 256, 384, rng)[..., None]
-    wall = light * (1 + patch * rng.uniform(0.5, 0.9)) * (1 + 0.05 * (fractal_noise(256, 384, rng)[..., None] - 0.5))
+    wall = (
+        light
+        * (1 + patch * rng.uniform(0.5, 0.9))
+        * (1 + 0.05 * (fractal_noise(256, 384, rng)[..., None] - 0.5))
+    )
     return Scene(background=_far(wall * np.array([1, 0.98, 0.94]), 0.1), planes=(_subject(rng, 0.2),))
 
 

@@ -7,7 +7,9 @@ __all__ = ["DEFAULT_CONFIG", "LightConfig"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightConfig:
-    """Constants of :func:`bokehnet.light.recovery.recover_light`; ``python -m benchmarks.clipped_light`` varies them.
+    """Constants of :func:`bokehnet.light.recovery.recover_light`.
+
+    ``python -m benchmarks.clipped_light --ablate`` measures them.
 
     Light is linear, relative to the clip level, unless a unit is given.
 
@@ -16,6 +18,7 @@ class LightConfig:
         level_spread: Maximum difference of the clip levels of the channels, codes.
         min_pile: Minimum ratio of the pixels per code at the clip level to those below.
         min_fraction: Minimum fraction of the picture's pixels at the clip level of a channel.
+        min_pixels: The same, pixels.
         margin: Codes below the clip level that count as clipped.
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
@@ -34,7 +37,8 @@ class LightConfig:
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
         color_power: Exponent of the colour of the bright pixels around a large light.
         far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
-        pooled_pixels: Pixels of all regions of a layer together that each region's own are added to.
+        pooled_pixels: Pixels of all regions of a layer together that each region's own are added to, in the
+            farthest layer and elsewhere.
         lamp_radius: Maximum radius of a lamp, fraction of the diagonal.
         lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
@@ -59,22 +63,23 @@ class LightConfig:
     level_spread: int = 2
     min_pile: float = 2.5
     min_fraction: float = 2e-5
+    min_pixels: int = 8
     margin: int = 3
     bright: float = 0.5
     area_gain: float = 7.0
-    area_sharp_gain: float = 4.5
-    area_gain_max: float = 8.0
+    area_sharp_gain: float = 4.0
+    area_gain_max: float = 6.5
     matter_sharpness: tuple[float, float] = (0.8, 0.6)
     edge_blur: tuple[float, float] = (0.38, 0.5)
     min_edge_pixels: int = 30
     edge_dark: float = 0.15
     min_weight: float = 0.1
-    fill_far: tuple[float, float] = (0.38, 0.52)
+    fill_far: tuple[float, float] = (0.35, 0.5)
     fill: tuple[float, float] = (0.8, 0.93)
     surround: tuple[float, float] = (0.12, 0.3)
     color_power: float = 2.0
     far: float = 0.08
-    pooled_pixels: float = 150.0
+    pooled_pixels: tuple[float, float] = (400.0, 150.0)
     lamp_radius: float = 0.012
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
