@@ -56,7 +56,7 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
 
 
 def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Floats:
-    """Return the weight of each pixel in the light of its lamp, large in the middle of the clipped core, (N,).
+    """Return the weight of each pixel in the light of its lamp, largest in the middle of its core, (N,).
 
     Edge pixels of a sharp lamp are clipped although it covers them in part: pixels count by their clipped
     neighbours. The light of a point is where the least clipped channel is brightest.

@@ -181,7 +181,7 @@ def _prepare_picture(
 
 
 def _recovered_light(scene: Scene, nearness: Array, settings: RenderSettings) -> RecoveredLight:
-    """Return the picture of a scene with its clipped light, if the settings and its file let it be estimated."""
+    """Return the picture of a scene, with its clipped light if file and settings allow an estimate."""
     highlights, frame = settings.highlights, scene.frame
     is_photograph = frame is not None and frame.is_display_referred and scene.supersampled == 1
     if highlights.threshold != "auto" or not is_photograph:

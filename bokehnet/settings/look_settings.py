@@ -327,8 +327,8 @@ class HighlightSettings(Group):
 
     threshold: float | Literal["auto", "off"] = setting(
         "auto",
-        "Clipped lights: auto (default) estimates their light in photographs, not in EXR or HDR files; off; or "
-        "a threshold in linear light, 0 to below 1, above which pixels are brightened before the blur.",
+        "Clipped lights: auto (default) estimates their light in photographs, not in EXR or HDR files; off; "
+        "or a threshold in linear light, 0 to below 1, above which pixels are brightened before the blur.",
         flag="highlights",
         metavar="auto|off|THRESHOLD",
         low=0,
