@@ -53,6 +53,7 @@ def _light_weights(picture: BrightPicture, regions: Components, bright: Mask, cl
         fill[layer] = (inner_clipped[layer] + n * pooled) / (inner_area[layer] + n)
     weight = far * ramp(fill, config.fill_far) + (1 - far) * ramp(fill, config.fill)
     weight = weight * ramp(surround, config.surround[::-1])
+    weight *= ramp(clipped.sum() / picture.lowest.size, config.high_key[::-1])
     return np.asarray(weight * (weight >= config.min_weight))
 
 

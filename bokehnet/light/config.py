@@ -20,6 +20,10 @@ class LightConfig:
         min_fraction: Minimum fraction of the picture's pixels at the clip level of a channel.
         min_pixels: The same, pixels.
         margin: Codes below the clip level that count as clipped.
+        high_key: Clipped fraction of the picture up to which skies and windows are light, and from which the
+            picture is paper, snow or a drawing.
+        black: Light of black pixels, which do not count for that.
+        flat: Fraction of equal neighbours from which a picture is a drawing or a screenshot.
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
         area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
@@ -46,6 +50,8 @@ class LightConfig:
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
         max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
+        lamp_fraction: Fraction of the picture in lamps up to which they are lamps, and from which the picture is
+            white text on black.
         lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
@@ -65,6 +71,9 @@ class LightConfig:
     min_fraction: float = 2e-5
     min_pixels: int = 8
     margin: int = 3
+    high_key: tuple[float, float] = (0.45, 0.6)
+    black: float = 5e-4
+    flat: float = 0.88
     bright: float = 0.5
     area_gain: float = 7.0
     area_sharp_gain: float = 4.0
@@ -87,6 +96,7 @@ class LightConfig:
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)
     max_lamp_gain: float = 80.0
+    lamp_fraction: tuple[float, float] = (0.04, 0.08)
     lamp_share: tuple[float, float] = (0.2, 0.5)
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)

@@ -47,12 +47,14 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     config, at = picture.config, (regions.rows, regions.columns)
     surround = regions.sums(picture.surround(*at)) / area
     is_small = np.sqrt(area / np.pi) <= config.lamp_radius * picture.diagonal
-    share = clipped[is_small].sum() / max(float(clipped.sum()), 1)
+    small = float(clipped[is_small].sum())
+    share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
+    share = float(share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1]))
     # Bright matter of a saturated colour clips in one channel alone.
     second = np.sort(picture.image[at], axis=-1)[:, 1]
     is_light = is_small & (regions.sums(second >= picture.level) > 0)
     certainty = ramp(clipped / area, config.lamp_fill) * ramp(surround, config.lamp_surround[::-1])
-    return np.asarray(float(ramp(share, config.lamp_share)) * is_light * certainty)
+    return np.asarray(share * is_light * certainty)
 
 
 def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Floats:

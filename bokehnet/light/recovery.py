@@ -64,7 +64,7 @@ def recover_light(
     if strength <= 0 or image.size == 0 or not np.isfinite(image).all():
         return RecoveredLight(image=image)
     levels = _common_levels(image, config)
-    if levels is None:
+    if levels is None or _is_drawing(image, levels.clipped, config):
         return RecoveredLight(image=image)
     picture, result = BrightPicture.of(image, nearness, levels, config), image.copy()
     is_lamp = add_lamps(picture, result)
@@ -79,6 +79,19 @@ def recover_light(
         fraction=float(brightened.mean()),
         largest=float(result[brightened].max() / levels.clipped),
     )
+
+
+def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
+    """Return whether nearly all pixels between black and white equal both neighbours in their row.
+
+    Photographs have noise and shading; drawings and screenshots have flat colours.
+    """
+    rows = image[:: max(1, image.shape[0] // 500)]
+    equal = (rows[:, 1:] == rows[:, :-1]).all(-1)
+    highest = rows[:, 1:-1].max(-1)
+    is_shown = (highest > config.black) & (highest < level)
+    count = int(is_shown.sum())
+    return count == 0 or bool((equal[:, 1:] & equal[:, :-1])[is_shown].sum() > config.flat * count)
 
 
 def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
