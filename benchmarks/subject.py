@@ -3,9 +3,9 @@
     python -m benchmarks.subject [--sheet subjects.png] [--faces]
 
 Pictures: scenes rendered here by ray casting (ground, wall, spheres, posts, cards) with fair and poor maps;
-photographs of scikit-image with a stereo map or with maps drawn here by hand; the demo; and, where ``../shared``
-is present, its photographs and path-traced scenes. The subject of a scene was written down with the scene, that
-of a photograph as a rectangle, before the first run.
+photographs of scikit-image with a stereo map or with maps drawn here by hand; the demo; and, where
+``../shared`` is present, its photographs and path-traced scenes. The subject of a scene was written down with
+the scene, that of a photograph as a rectangle, before the first run.
 
 A picture counts as right if the position lies on the subject and the range of disparities contains the median
 of the subject. "sharp" is the fraction of the subject's pixels inside the range, widened by 2 % of the map's.
