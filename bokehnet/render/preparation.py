@@ -18,7 +18,8 @@ from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.picture_cache import PictureCache, array_digest
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
 from bokehnet.scene.blur_warnings import unexpected_blur
-from bokehnet.scene.focus import check_nothing_to_focus, focus_lens, is_automatic
+from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
+from bokehnet.scene.focus_checks import check_nothing_to_focus
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (
@@ -131,6 +132,9 @@ def _prepare_picture(
     report(0, 1)
     original, scene = scene, at_rendered_size(scene)
     check_repair_allowed(scene, settings.depth)
+    if scene.depth.kind != "defocus":  # before the slow repair
+        fine = settings_in_fine_pixels(settings, scene.supersampled)
+        check_lens(scene.depth, scene.window, fine.focus, fine.camera)
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     if cache is None or cache.max_bytes == 0 or plan is not None:
@@ -188,10 +192,11 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         subject = picture.subject() if is_automatic(fine.focus, depth) else None
         lens = focus_lens(depth, scene.window, fine.focus, fine.camera, scene.image, subject)
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
+        if lens.subject is not None:
+            focus = lens.subject.note(scene.window, scene.supersampled)
+            lens = replace(lens, assumptions=(focus, *lens.assumptions))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
-        if subject is not None:
-            notes += (subject.note(scene.window, scene.supersampled),)
         notes += unexpected_blur(scene.depth, picture.map.ends, lens, values)
     image, choice = scene.image, picture.pixel_filter
     if original.supersampled > scene.supersampled:
@@ -214,6 +219,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
+        reading=scene.depth.reading,
     )
 
 

@@ -43,6 +43,8 @@ class RenderReport:
         focus_distance: Distance in focus, metres; None for relative disparity.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         notes: Automatic choices and warnings, one line each.
+        assumptions: Values that neither settings nor files define, a few words each.
+        reading: Assumptions about the map, a few words each: unit, direction, coding, holes.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -58,6 +60,8 @@ class RenderReport:
     focus_distance: float | None = None
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    reading: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

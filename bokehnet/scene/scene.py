@@ -30,7 +30,8 @@ from bokehnet.scene.depth.depth_source import (
     depth_source,
     unit_of_picture_depth,
 )
-from bokehnet.scene.focus import FocusedLens, check_focus
+from bokehnet.scene.focus import FocusedLens
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.known_edges import check_matte, deep_surfaces, read_matte
 from bokehnet.settings.settings import DepthSettings, RenderSettings
 
@@ -115,6 +116,7 @@ class FocusedScene:
             pixels of these arrays.
         layers: Successive surfaces with their blur radii, where they are known.
         focus_again: Function that :meth:`refocus` calls; None if the picture was not kept.
+        reading: Assumptions about the map for the summary, a few words each.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -141,6 +143,7 @@ class FocusedScene:
     known: KnownSurfaces | None = None
     supersampled: int = 1
     layers: Layers | None = None
+    reading: tuple[str, ...] = ()
     focus_again: Callable[..., "FocusedScene"] | None = field(default=None, repr=False)
 
     def refocus(self, value: float | None = None, **focus: Any) -> "FocusedScene":

@@ -111,9 +111,9 @@ class Subject:
             (pixel + first) // supersampled
             for pixel, first in zip(self.position, (window.x, window.y), strict=True)
         )
-        middle = "the nearer part of the middle, as no subject stands out"
+        middle = "the nearer part of the middle, as no subject stands out,"
         goal = middle if self.is_fallback else "the subject"
-        return f"focus on {goal}, at pixel {x},{y}; `focus.at` or `focus.range` change this"
+        return f"focus on {goal} at pixel {x},{y} (`focus.at` changes it)"
 
 
 def find_subject(

@@ -25,7 +25,7 @@ from bokehnet.io.window import Window
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame

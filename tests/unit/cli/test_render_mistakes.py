@@ -30,7 +30,7 @@ ALL = [*MAP, *SIZES]
         ([*MAP, "--blur", 6, "--focus", -0.1], ["--focus", "0..1", "-0.1"]),
         ([*MAP, "--blur", 6, "--focus", "nan"], ["--focus", "0..1", "nan"]),
         ([*ALL, "--focus-at", "1,1"], ["--focus-at: expected one of --focus and --focus-at, got both"]),
-        ([*MAP, "--focus", 0.4], ["--disparity needs --blur"]),
+        ([*ALL, "--strength", 5], ["--strength: expected one of --blur and --strength, got both"]),
         ([*MAP, "--blur", -1, "--focus", 0.4], ["--blur", "at least 0", "-1"]),
         ([*MAP, "--blur", "nan", "--focus", 0.4], ["--blur", "finite", "nan"]),
         ([*MAP, "--blur", "inf", "--focus", 0.4], ["--blur", "finite", "inf"]),
@@ -38,7 +38,18 @@ ALL = [*MAP, *SIZES]
             [*MAP, "--blur", "wide", "--focus", 0.4],
             ["--blur: expected a number of at least 0 pixels, got 'wide'"],
         ),
-        ([*ALL, "--f-number", 2], ["--f-number", "does not apply to --disparity"]),
+        ([*ALL, "--f-number", 2], ["--f-number", "does not apply to --disparity with --blur"]),
+        (
+            [*MAP, "--focal-length", 50, "--focus-distance", 2],
+            [
+                "--focus-distance: expected nothing: it does not apply to --disparity, got 2",
+                "--focal-length: expected nothing: it does not apply to --disparity without --f-number",
+            ],
+        ),
+        (
+            [*MAP, "--blur", "wide", "--focus", 7, "--engine", "magic"],
+            ["--blur: expected", "--focus: expected", "--engine: expected"],
+        ),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
         ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
         (

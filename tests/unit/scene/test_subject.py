@@ -94,7 +94,7 @@ def test_a_render_without_focus_keeps_the_subject_sharp():
     changes = {"camera": {"blur": 50}, "depth": {"repair": "off"}}
     renderer, settings = BokehRenderer("scatter"), RenderSettings().updated(changes)
     focused = renderer.prepare(scene, settings)
-    assert any("focus on the subject" in note for note in focused.notes)
+    assert "focus on the subject" in focused.lens.assumptions[0]
     assert (focused.defocus[inside > 0] == 0).mean() > 0.93
     assert focused.defocus[0, 0] < -10
     plane = renderer.prepare(scene, settings.updated({"focus": {"range": "off"}}))
@@ -114,4 +114,4 @@ def test_the_note_counts_pixels_of_the_shown_picture():
     subject = find_subject(gray(), ground_with((50, 30, 25, 75)))
     x, y = subject.position
     window = Window(x=10, y=20, width=WIDTH, height=HEIGHT, display_width=400, display_height=400)
-    assert f"pixel {x + 10},{y + 20};" in subject.note(window)
+    assert f"pixel {x + 10},{y + 20} " in subject.note(window)
