@@ -112,9 +112,7 @@ class _Bright:
     diagonal: float
 
     @classmethod
-    def of(
-        cls, image: Array, defocus: Array | None, levels: ClipLevel, config: LightConfig
-    ) -> "_Bright":
+    def of(cls, image: Array, defocus: Array | None, levels: ClipLevel, config: LightConfig) -> "_Bright":
         level = levels.clipped
         lowest, highest = image.min(-1), image.max(-1)
         diagonal = float(np.hypot(*lowest.shape))
@@ -127,7 +125,9 @@ class _Bright:
             highest=highest,
             surround=_dark_mean(lowest, config.bright * level, config.surround_reach * diagonal) / level,
             far=_farthest(defocus, lowest.shape, config.far),
-            median=float(np.median(lowest[:: max(1, lowest.shape[0] // 500), :: max(1, lowest.shape[1] // 500)]))
+            median=float(
+                np.median(lowest[:: max(1, lowest.shape[0] // 500), :: max(1, lowest.shape[1] // 500)])
+            )
             / level,
             diagonal=diagonal,
         )
@@ -284,7 +284,9 @@ def _edge_light(
     )
     light = np.maximum(scene.image[rows, columns] - scene.surround[rows, columns, None] * scene.level, 0)
     labels = regions.labels[core[index]]
-    sums = np.stack([np.bincount(labels, light[:, channel], regions.count) for channel in range(3)], -1) + 1e-3
+    sums = (
+        np.stack([np.bincount(labels, light[:, channel], regions.count) for channel in range(3)], -1) + 1e-3
+    )
     return sums / sums.max(-1, keepdims=True), _sharpness(light.max(-1) / scene.level)
 
 
