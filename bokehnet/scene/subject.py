@@ -36,7 +36,7 @@ FaceDetector = Callable[[Array], Sequence[tuple[int, int, int, int]]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SubjectSearch:
-    """Tuned numbers of the search, measured by ``python -m benchmarks.subject``.
+    """Tuned numbers of the search, measured by ``python -m benchmarks.quality.subject``.
 
     Disparities are relative to the range of the map between its 1st and 99th percentile.
 

@@ -1,6 +1,6 @@
 """Rate of pictures whose subject the automatic focus hits, against subjects chosen by hand.
 
-    python -m benchmarks.subject [--sheet subjects.png] [--faces]
+    python -m benchmarks.quality.subject [--sheet subjects.png] [--faces]
 
 Pictures: scenes rendered here by ray casting (ground, wall, spheres, posts, cards) with fair and poor maps;
 photographs of scikit-image with a stereo map or with maps drawn here by hand; the demo; and, where
@@ -31,7 +31,7 @@ from bokehnet.tools.demo import demo_scene
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
+SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 HEIGHT, WIDTH = 240, 360
 
