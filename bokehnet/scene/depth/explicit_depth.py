@@ -215,6 +215,8 @@ class MetricDepth:
                 f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
                 "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
             )
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
         unit, numbers = self.unit or "m", stored.numbers
         missing = find_missing_depth(
             numbers, stored.largest_integer, is_disparity=self._is_disparity, no_data=self.no_data
