@@ -4,7 +4,17 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["limit_address_space", "limit_cpu_time"]
+__all__ = ["address_space_limit", "limit_address_space", "limit_cpu_time"]
+
+
+def address_space_limit() -> int | None:
+    """Return the limit of this process's address space in bytes (``ulimit -v``); None if there is none."""
+    if os.name != "posix":
+        return None
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def limit_address_space(extra: int) -> None:
