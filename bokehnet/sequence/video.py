@@ -29,7 +29,7 @@ from bokehnet.scene.focus import check_focus
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame
-from bokehnet.sequence.shot import Shot, analyse_shot, can_filter_maps, open_source
+from bokehnet.sequence.shot import Shot, analyse_shot, can_filter_maps, open_source, probe_frames
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.version import __version__
 
@@ -100,6 +100,21 @@ class VideoJob:
     def count(self) -> int:
         """Number of frames of the video."""
         return len(self.info.times)
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Indices of all frames; see :class:`ShotFrames`."""
+        return range(self.count)
+
+    @property
+    def selected(self) -> Sequence[int]:
+        """Indices of the frames to render: all."""
+        return range(self.count)
+
+    @property
+    def probes(self) -> Sequence[int]:
+        """Indices of the frames that decide about the repair."""
+        return probe_frames(range(self.count))
 
     @property
     def folder(self) -> Path:

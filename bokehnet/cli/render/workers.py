@@ -44,6 +44,7 @@ def available_cores() -> int:
 def render_frames(
     jobs: Mapping[int, FrameJob],
     *,
+    context: Mapping[int, FrameJob] | None = None,
     processes: int = 1,
     cluster: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
     overwrite: bool = False,
@@ -55,7 +56,8 @@ def render_frames(
     A frame that fails prints an error to stderr and does not stop the others.
 
     Args:
-        jobs: Frame number to job, all frames of the shot.
+        jobs: Frame number to job, all frames to render.
+        context: Further frames of the shot to read; see :func:`decided_jobs`.
         processes: Number of parallel processes; each gets an equal number of the cores.
         cluster: Function that renders jobs elsewhere, with the interface of :func:`render_in_processes`.
         overwrite: True to render existing outputs again.
@@ -75,8 +77,8 @@ def render_frames(
         decided, shot = dict(jobs), Shot()
         if pending:
             with stages(hidden=printer.quiet) as begin:
-                context = decided_jobs(jobs, renderer, steady=steady, begin=begin)
-                decided, shot = stack.enter_context(context)
+                decisions = decided_jobs(jobs, renderer, context=context, steady=steady, begin=begin)
+                decided, shot = stack.enter_context(decisions)
         remaining = {frame: decided[frame] for frame in pending}
         outcomes: Outcomes
         if cluster is not None:

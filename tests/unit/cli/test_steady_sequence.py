@@ -76,6 +76,17 @@ def test_equal_frames_of_a_shot_give_equal_files(noisy, cli):
     assert len(set(bytes_of(noisy).values())) == 1
 
 
+def test_parts_of_a_shot_have_its_frames(noisy, cli):
+    """Authority: the whole shot, byte for byte, with the repair decided for the whole."""
+    assert cli(*SHOT).code == 0
+    whole = bytes_of(noisy)
+    for name in whole:
+        (noisy / name).unlink()
+    for part in ("1-2", "3-3", "4-6x2", "5-5"):
+        assert cli(*SHOT[:-1], part).code == 0
+    assert bytes_of(noisy) == whole
+
+
 @pytest.mark.slow
 def test_processes_and_later_runs_give_the_same_files(noisy, cli):
     assert cli(*SHOT).code == 0
@@ -111,7 +122,7 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
     def never(*given):
         raise AssertionError("was looked through again")
 
-    monkeypatch.setattr(FilteredShot, "_accumulate_forward", never)
+    monkeypatch.setattr(FilteredShot, "_filtered", never)
     assert cli(*SHOT).code == 0
     assert bytes_of(noisy) == whole
     assert hidden(noisy) == []
