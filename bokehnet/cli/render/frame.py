@@ -13,6 +13,7 @@ from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
+from bokehnet.io.finished import is_finished
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
 from bokehnet.io.overwrite_guard import check_overwrite
@@ -51,6 +52,11 @@ class FrameJob:
     number: int = 0
     shot: Shot = field(default_factory=Shot)
     is_probe: bool = False
+
+    @property
+    def is_finished(self) -> bool:
+        """True if the output is whole, readable and of the size of the picture."""
+        return is_finished(self.output, self.image, self.settings.input.supersampled)
 
     def check(self) -> None:
         """Raise unless the settings are consistent and the result can be written; reads no picture."""

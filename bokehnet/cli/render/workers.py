@@ -51,7 +51,7 @@ def render_frames(
     steady: bool = True,
     printer: SummaryPrinter | None = None,
 ) -> None:
-    """Render all frames whose outputs do not exist; atomic writes guarantee that existing ones are complete.
+    """Render all frames whose outputs do not exist, or are empty, truncated or of another size.
 
     A frame that fails prints an error to stderr and does not stop the others.
 
@@ -68,7 +68,7 @@ def render_frames(
         BokehnetError: Some frames failed, or the renderer cannot be made.
     """
     printer, begun = printer or SummaryPrinter(), perf_counter()
-    pending = [frame for frame, job in jobs.items() if overwrite or not job.output.exists()]
+    pending = [frame for frame, job in jobs.items() if overwrite or not job.is_finished]
     done: dict[int, FrameSummary] = {}
     failed: dict[int, str] = {}
     settings = next(iter(jobs.values())).settings  # equal for all frames where a renderer depends on them

@@ -87,6 +87,19 @@ def test_parts_of_a_shot_have_its_frames(noisy, cli):
     assert bytes_of(noisy) == whole
 
 
+def test_empty_and_truncated_outputs_are_rendered_again(noisy, cli):
+    """Authority: the first run."""
+    assert cli(*SHOT).code == 0
+    whole = bytes_of(noisy)
+    (noisy / "out.0002.png").write_bytes(b"")
+    (noisy / "out.0003.png").write_bytes(whole["out.0003.png"][:-20])
+    write_image(noisy / "out.0004.png", np.zeros((8, 8, 3), np.float32))
+    outcome = cli(*SHOT)
+    assert outcome.code == 0
+    assert "3 frames rendered, 3 exist already" in outcome.err.replace(" with", ",")
+    assert bytes_of(noisy) == whole
+
+
 @pytest.mark.slow
 def test_processes_and_later_runs_give_the_same_files(noisy, cli):
     assert cli(*SHOT).code == 0
