@@ -29,10 +29,10 @@ from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.dataset import start_worker
 from bokehnet.synth.shards import ShardSet, TrainingSample
-from train.augmentation import augment_disparity
-from train.command import add_settings, settings_of
-from train.examples import Skips
-from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
+from train.data.augmentation import augment_disparity
+from train.data.examples import Skips
+from train.data.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
+from train.run.command import add_settings, settings_of
 
 __all__ = ["PrepareConfig", "load_repair", "main", "prepare", "prepare_view"]
 

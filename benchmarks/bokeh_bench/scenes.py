@@ -27,7 +27,7 @@ from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.lamps import add_lamps
 from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.config import ClutterConfig
-from train.metrics import depth_step_pixels, encode, psnr
+from train.scores.metrics import depth_step_pixels, encode, psnr
 
 __all__ = ["SCENES", "make_scene", "prepare", "summary"]
 

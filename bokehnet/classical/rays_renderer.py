@@ -12,7 +12,14 @@ from numba import prange
 
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Strip, check_inputs
+from bokehnet.classical.base import (
+    ALIGNED,
+    MAX_RADIUS_IN_SIDES,
+    ClassicalOptions,
+    ClassicalResult,
+    Strip,
+    check_inputs,
+)
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import Fringes, chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
@@ -63,9 +70,6 @@ _MAX_RAYS_FACTOR = 2
 # Behind an aberrated lens every light has a point spread function of its own, which must be computed; fainter
 # lights are left to the rays and raise their noise by 0.001 or less.
 _MIN_LIGHT_BRIGHTNESS = 0.02
-
-# Largest blur radius in units of the picture's longer side; beyond it every ray ends outside the picture.
-_MAX_RADIUS_IN_SIDES = 4.0
 
 # Number of scramblings of the sampling pattern; each pixel selects one at random.
 _VARIANTS = 8
@@ -311,7 +315,7 @@ def _checked(job: _Job) -> tuple[_Job, np.ndarray, np.ndarray]:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(job.image, job.defocus))
     if job.layers is not None:
         check_same_size("image", image, "layers", job.layers.defocus)
-    largest = _MAX_RADIUS_IN_SIDES * max(job.size)
+    largest = MAX_RADIUS_IN_SIDES * max(job.size)
     defocus = np.clip(defocus, -largest, largest)
     nearest, farthest, known = defocus, defocus, job.known
     if known is not None:

@@ -13,8 +13,9 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
+import bokehnet.io.decoder_threads  # noqa: F401  # prepares forks
 from bokehnet.errors import ImageFileError
-from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
+from bokehnet.io.containers.input_checks import check_intact, check_pixel_count, check_value_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm
 from bokehnet.io.exr.deep import flatten
 from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
@@ -38,7 +39,8 @@ _FLOAT_TYPES = ("half", "float", "double")
 
 _TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
 
-_BAND_ROWS = 256  # a multiple of the rows per chunk of any compression
+# Rows per band, a multiple of the rows per chunk; fewer where rows are long, except with DWAB (256 rows).
+_BAND_ROWS, _MIN_BAND_ROWS, _BAND_BYTES = 256, 32, 2**27
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,8 +178,11 @@ class ImageFile:
 
     def bands(self, part: Part) -> Iterator[slice]:
         """Yield the rows of a part in groups that end at chunk boundaries, for sequential reading."""
-        tile = self.spec(part).tile_height
-        step = tile * max(1, _BAND_ROWS // tile) if tile else _BAND_ROWS
+        spec = self.spec(part)
+        tile, row_bytes = spec.tile_height, 4 * part.width * len(part.channels)
+        min_rows = _BAND_ROWS if spec.get_string_attribute("compression") == "dwab" else _MIN_BAND_ROWS
+        rows = min(_BAND_ROWS, max(min_rows, _BAND_BYTES // max(row_bytes, 1)))
+        step = tile * max(1, rows // tile) if tile else rows // min_rows * min_rows
         for first in range(0, part.height, step):
             yield slice(first, min(first + step, part.height))
 
@@ -270,9 +275,12 @@ class ImageFile:
 
     def _describe(self) -> list[Part]:
         parts: list[Part] = []
+        count = 0
         while self._input.seek_subimage(len(parts), 0):
             spec = self._input.spec()
             check_pixel_count(self.path, spec.width, spec.height)
+            count += spec.width * spec.height * spec.nchannels
+            check_value_count(self.path, count)
             parts.append(self._part(len(parts), spec))
             if self.file_format != "openexr":  # further pages of a TIFF are other pictures or thumbnails
                 break

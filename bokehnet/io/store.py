@@ -30,7 +30,8 @@ __all__ = ["SourceFile", "store_picture"]
 
 _MAX_HALF = 65504.0
 _MAX_HDR_SIDE_PX = 32767  # beyond it the run lengths of the rows no longer fit
-_NO_ALPHA_EXTENSIONS = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: the decoder does not report its kind
+# JPEG XL could hold alpha, but the decoder does not report its kind.
+_NO_ALPHA_EXTENSIONS = (".jpg", ".jpeg", ".hdr", ".pfm", ".jxl")
 _GREY_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
 

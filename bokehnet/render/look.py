@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
-from bokehnet.errors import ConfigError, LensError, ParameterError
+from bokehnet.errors import ConfigError, LensError, ParameterError, errors_of_file
 from bokehnet.io.color.srgb import luminance
 from bokehnet.io.image import read_image
 from bokehnet.io.text import read_text
@@ -159,7 +159,8 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         aberrations = AberrationSliders(**_matching_fields(lens, AberrationSliders)).aberration_map()
     if lens.table is not None:
         text = read_text(lens.table, "aberrations", "a table", max_characters=_MAX_TABLE_CHARACTERS)
-        aberrations = aberrations + parse_aberration_table(text, lens.table)
+        with errors_of_file(lens.table, "a table of aberrations", ConfigError):
+            aberrations = aberrations + parse_aberration_table(text, lens.table)
     return LensResponse(
         aberration_map=aberrations,
         chromatic_aberration=_chromatic_aberration(color),

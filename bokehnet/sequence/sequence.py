@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.errors import ConfigError, ParameterError, errors_of_file
 from bokehnet.io.text import read_text
 from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
 from bokehnet.settings.fields import Group, field_settings, setting
@@ -209,7 +209,11 @@ def read_pull(path: Path) -> Pull:
         >>> read_pull(Path("pull.csv")).at(1002)
         {'blur': 40.0}
     """
-    text = read_text(path, expected="a CSV file")
+    with errors_of_file(path, "a CSV file", ConfigError):
+        return _pull_of(path, read_text(path, expected="a CSV file"))
+
+
+def _pull_of(path: Path, text: str) -> Pull:
     try:
         rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
         names = [name.strip() for name in rows.fieldnames or ()]

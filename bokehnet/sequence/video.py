@@ -25,7 +25,7 @@ from bokehnet.io.window import Window
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame
@@ -187,7 +187,7 @@ class VideoJob:
         for index in (0, self.count - 1):
             settings = self.settings_of(index)
             if settings.input.disparity is None or not is_video(settings.input.disparity):
-                check_focus(settings)
+                check_focus(settings, automatic=False)
 
     def _claim(self) -> None:
         """Create the folder, empty unless it belongs to the same job."""

@@ -171,7 +171,7 @@ class Opened:
             return 1 / (1000 * focus.distance)
         if focus.at is not None:
             depth = replace(self.scene.depth, values=self._painted_in_full())
-            return disparity_at_pixel(focus.at, depth, self.scene.window)
+            return disparity_at_pixel(focus.at, depth, self.scene.window, image=self.scene.image)
         return self.scene.depth.focus
 
     def view(self, size: tuple[int, int], settings: RenderSettings, region: Region | None = None) -> Scene:

@@ -1,6 +1,5 @@
 """Frames: jobs with their files, checks before rendering, and the rendering of one frame."""
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -9,20 +8,18 @@ from pathlib import Path
 from time import perf_counter
 
 from bokehnet.cli.progress import stages
+from bokehnet.cli.render.checks import check_job
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.finished import is_finished
-from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
-from bokehnet.io.image import check_writable
-from bokehnet.io.overwrite_guard import check_overwrite
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.scene import read_scene
 from bokehnet.sequence.frame_names import existing_frames, frame_path, is_pattern
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
@@ -60,29 +57,7 @@ class FrameJob:
 
     def check(self) -> None:
         """Raise unless the settings are consistent and the result can be written; reads no picture."""
-        check_focus(self.settings)
-        check_writable(self.output)
-        check_output(self.output, self.settings.output)
-        if self.settings.engine.max_memory is not None and self.output.suffix.lower() in WHOLE_EXTENSIONS:
-            raise ParameterError(
-                "engine.max_memory",
-                "no limit for AVIF and HEIC, whose encoders need the whole picture",
-                self.settings.engine.max_memory,
-                "leave it out, or write .jpg, .png or .tif",
-            )
-        try:
-            inputs, is_reduced = input_files(self.settings).values(), self.settings.input.supersampled > 1
-            check_overwrite(self.output, self.image, inputs, reduced=is_reduced)
-        except ParameterError as error:
-            raise error.renamed("--output") from error
-        folder = self.settings.output.save_maps
-        if folder is None:
-            return
-        nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not nearest.is_dir():
-            raise ImageFileError(f"`output.save_maps`: expected a folder, found the file {nearest}")
-        if not os.access(nearest, os.W_OK | os.X_OK):
-            raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
+        check_job(self.image, self.output, self.settings)
 
 
 def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
@@ -113,6 +88,7 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
                 shown=f"{one.output}, an input of a frame",
             )
         one.check()
+        check_focus(one.settings, automatic=len(jobs) == 1)
     return jobs
 
 
@@ -160,7 +136,8 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
     """
     if settings.engine.max_memory is None:
         keep_freed_memory()
-    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+    engine = settings.engine
+    renderer = BokehRenderer(engine.name, weights=engine.weights, threads=threads, cache_bytes=0)
     renderer.check(settings)
     return renderer
 

@@ -21,6 +21,10 @@ from bokehnet.io.exr.header import Attribute, ExrHeaders, channel_list
 
 __all__ = ["DeepSamples", "read_samples"]
 
+# Upper bound of the samples of a part: this many, and one more for each byte of the file. Files of renderers
+# have 5 to 20 bytes per sample; a chunk of zeros unpacks to a thousand times its size.
+_MAX_SAMPLES = 4_000_000
+
 # Rows per scan-line chunk by compression number: none, run lengths, zlib by the row, zlib.
 _CHUNK_ROWS = {0: 1, 1: 1, 2: 1, 3: 16}
 
@@ -67,7 +71,7 @@ def read_samples(
         names: Channels to read.
 
     Raises:
-        ImageFileError: The samples are truncated or damaged, or exceed the pixel limit.
+        ImageFileError: The samples are truncated or damaged, or exceed their upper bound.
 
     Source: "OpenEXR File Layout", openexr.com, Deep Data.
     """
@@ -85,14 +89,14 @@ def read_samples(
             raise ValueError(f"no channel of the name {unknown.pop()!r}")
         with path.open("rb") as file:
             blocks = _blocks(file, headers, part, (left, top), size, packing)
+            sample_bytes = sum(_TYPES[kind].itemsize for kind in channels.values())
+            _check_samples(path, sum(block.samples[2] for block in blocks) // sample_bytes)
             needed = [
                 block for block in blocks if block.y < rows.stop and block.y + block.height > rows.start
             ]
             runs: dict[tuple[int, int], tuple[NDArray[np.int64], dict[str, NDArray[np.float32]]]] = {}
-            sample_count = 0
             for block in needed:
-                for y, counts, values in _unpacked(file, block, packing, channels, names, path, sample_count):
-                    sample_count += int(counts.sum())
+                for y, counts, values in _unpacked(file, block, packing, channels, names):
                     runs[y, block.x] = counts, values
     except (ValueError, KeyError, IndexError, struct.error, zlib.error, OverflowError) as problem:
         raise ImageFileError(f"{path}: the deep samples are truncated or damaged ({problem})") from problem
@@ -163,8 +167,6 @@ def _unpacked(
     packing: int,
     channels: dict[str, int],
     names: Sequence[str],
-    path: Path,
-    samples_before: int,
 ) -> list[tuple[int, NDArray[np.int64], dict[str, NDArray[np.float32]]]]:
     """Return row, sample counts and values of each row of a chunk."""
     file.seek(block.counts[0])
@@ -179,7 +181,6 @@ def _unpacked(
     if (counts < 0).any():
         raise ValueError("a pixel has a negative number of samples")
     totals = sums[:, -1]
-    check_pixel_count(path, samples_before + int(totals.sum()), 1, "deep samples")
     sizes = {name: _TYPES[kind].itemsize for name, kind in channels.items()}
     expected = int(totals.sum()) * sum(sizes.values())
     start, packed, unpacked = block.samples
@@ -197,6 +198,17 @@ def _unpacked(
             position += total * sizes[name]
         rows.append((block.y + row, counts[row], values))
     return rows
+
+
+def _check_samples(path: Path, count: int) -> None:
+    """Raise if a file has more samples than allowed."""
+    check_pixel_count(path, count, 1, "deep samples")
+    max_count = _MAX_SAMPLES + path.stat().st_size
+    if count > max_count:
+        raise ImageFileError(
+            f"{path}: expected at most {max_count} deep samples in a file of this size, found {count}; "
+            "the file is damaged"
+        )
 
 
 def _unpack(data: bytes, size: int, packing: int, packed: int) -> bytes:

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, errors_of_file
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
+from bokehnet.io.containers.input_checks import check_name, check_pixel_count
 from bokehnet.io.video.chroma import PixelFormat
 
 __all__ = [
@@ -99,6 +100,9 @@ def video_info(path: Path | str) -> VideoInfo:
     with _open(path) as container:
         stream = _video_stream(path, container)
         context = stream.codec_context
+        if context is None or not context.pix_fmt:
+            raise ImageFileError(f"{path}: expected a video with a known codec, found another one")
+        check_pixel_count(path, context.width, context.height)
         tags = (context.color_primaries, context.color_trc, context.colorspace)
         primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
         packets = (packet for packet in container.demux(stream) if packet.size)
@@ -187,7 +191,10 @@ def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str)
     av = _import_av()
 
     def fill(temporary: Path) -> None:
-        with av.open(str(info.path)) as source, av.open(str(temporary), "w") as target:
+        with (
+            av.open(str(info.path), metadata_errors="replace") as source,
+            av.open(str(temporary), "w") as target,
+        ):
             encoder, options = CODECS[codec]
             stream = target.add_stream(encoder, rate=info.rate, options=dict(options))
             _configure(av, stream.codec_context, info, codec)
@@ -325,14 +332,19 @@ def _audio_packets(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float,
 
 @contextlib.contextmanager
 def _open(path: Path | str) -> Iterator[Any]:
+    """Open a video; its bytes from strangers may be anything, so that texts need not be UTF-8."""
     av = _import_av()
-    try:
-        with av.open(str(path)) as container:
-            yield container
-    except (av.error.FFmpegError, OSError) as error:
-        raise ImageFileError(
-            f"{path}: expected a video, the file cannot be read: {_reason(error)}"
-        ) from error
+    check_name(Path(path))
+    with errors_of_file(path, "a video", ImageFileError):
+        try:
+            with av.open(str(path), metadata_errors="replace") as container:
+                yield container
+        except BokehnetError:  # some are also OSError
+            raise
+        except (av.error.FFmpegError, OSError) as error:
+            raise ImageFileError(
+                f"{path}: expected a video, the file cannot be read: {_reason(error)}"
+            ) from error
 
 
 def _video_stream(path: Path | str, container: Any) -> Any:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bokehnet.errors import LensError
+from bokehnet.errors import LensError, errors_of_file
 from bokehnet.lenses.files.text import read_lines
 from bokehnet.optics.spectral.glass import AbbeGlass, FormulaGlass, Glass, TableGlass, make_glass
 
@@ -49,7 +49,9 @@ class GlassCatalogues:
             paths = self._yaml_paths(place).get(key, [])
             if paths:
                 by_maker = [path for path in paths if maker and maker.lower() in str(path.parent).lower()]
-                return read_yaml_glass((by_maker or paths)[0])
+                path = (by_maker or paths)[0]
+                with errors_of_file(path, "a glass", LensError):
+                    return read_yaml_glass(path)
         try:
             return make_glass(_table_name(name))
         except LensError:
@@ -57,7 +59,8 @@ class GlassCatalogues:
 
     def _agf_glasses(self, path: Path) -> dict[str, Glass]:
         if path not in self._agf:
-            self._agf[path] = read_agf(path)
+            with errors_of_file(path, "a glass catalogue", LensError):
+                self._agf[path] = read_agf(path)
         return self._agf[path]
 
     def _yaml_paths(self, place: Path) -> dict[str, list[Path]]:

@@ -101,7 +101,7 @@ def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path
     render = ("render", "photo.png", "-o", "out.png", "--f-number", "1.8", "--json")
     without = run(*render)
     assert (without.returncode, "has no depth map" in without.stderr) == (1, True)
-    assert "--depth-model" in without.stderr
+    assert "bokehnet models tiny --get downloads a network" in without.stderr
     run("models", "tiny", "--get")
     done = run(*render)
     assert done.returncode == 0, done.stderr
@@ -187,6 +187,66 @@ def test_a_convention_beside_a_named_network_is_refused(run):
     assert (done.returncode, "whose convention is midas" in done.stderr) == (1, True)
 
 
+FETCH = """
+import sys
+from pathlib import Path
+from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.inference import depth_models
+depth_models._TABLE, depth_models.PINS = Path("table.toml"), Path("pins.toml")
+from bokehnet.inference.model_download import fetch_model
+answer, stop = sys.argv[1] == "yes", "stop" in sys.argv
+def agree(offer):
+    print(offer.size, offer.bytes, offer.licence, offer.source, offer.folder)
+    return answer
+def progress(done, total):
+    print("progress", done, total)
+    if stop:
+        raise RenderCancelled
+try:
+    print(fetch_model(depth_models.recommended_model(), agree, progress).name)
+except (BokehnetError, RenderCancelled) as error:
+    print(type(error).__name__, error)
+"""
+
+
+@pytest.mark.slow
+def test_a_program_shows_the_offer_and_downloads_after_consent_only(run, hub, tmp_path):
+    size = len(hub.files["tests/tiny", "onnx/model.onnx"])
+    declined = run("no", source=FETCH)
+    offer, outcome = declined.stdout.splitlines()
+    assert offer.split()[:5] == ["1", "kB", str(size), "mit", f"{hub.address}/tests/tiny"]
+    assert str(tmp_path / "cache") in offer
+    assert outcome.startswith("ModelFileError tiny: download declined")
+    assert hub.asked == []
+    assert stored(tmp_path) == []
+
+    agreed = run("yes", source=FETCH).stdout.splitlines()
+    assert f"progress {size} {size}" in agreed
+    assert agreed[-1] == "model.onnx"
+    asked = len(hub.asked)
+    assert run("no", source=FETCH).stdout.splitlines() == ["model.onnx"]  # no question for what is here
+    assert len(hub.asked) == asked
+
+
+@pytest.mark.slow
+def test_a_download_can_be_cancelled(run, tmp_path):
+    cancelled = run("yes", "stop", source=FETCH)
+    assert cancelled.stdout.splitlines()[-1].startswith("RenderCancelled"), cancelled.stderr
+    assert run("models").stdout.split()[1:3] == ["to", "download"]
+
+
+@pytest.mark.slow
+def test_a_network_pinned_by_hash_alone_follows_the_newest_commit(run, hub, tmp_path):
+    pins = (tmp_path / "pins.toml").read_text()
+    (tmp_path / "pins.toml").write_text(pins.replace(REVISION, "main"))
+    assert run("models", "tiny", "--get").returncode == 0
+    assert run(*DEPTH, HF_HUB_OFFLINE="1").returncode == 0
+    assert run("--check", source=PIN).returncode == 0
+    hub.files["tests/tiny", "onnx/model.onnx"] += b" "
+    changed = run(*DEPTH, BOKEHNET_DOWNLOADS="yes", HF_HOME=str(tmp_path / "other"))
+    assert "expected SHA-256" in changed.stderr
+
+
 PIN = """
 import sys
 from pathlib import Path
@@ -204,6 +264,7 @@ def test_the_release_command_pins_what_the_hub_has(run, hub, tmp_path):
     assert run("--check", source=PIN).returncode == 1
     assert run(source=PIN).returncode == 0
     assert pins in (tmp_path / "pins.toml").read_text()
+    assert 'attested = "the hub, and the downloaded file' in (tmp_path / "pins.toml").read_text()
     assert run("--check", source=PIN).returncode == 0
     assert run("models", "tiny", "--get").returncode == 0
     hub.licence = "cc-by-nc-4.0"
