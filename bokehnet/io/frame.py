@@ -75,6 +75,12 @@ class Frame:
     _origin: _Origin | None = field(default=None, repr=False)
 
     @property
+    def is_display_referred(self) -> bool:
+        """True for a photograph in whole numbers whose white is 1, so that brighter light is clipped."""
+        curves = {curve.kind for curve in self.space.curves}
+        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg"))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Selections, unsupported profiles and content omitted from a result, one line each."""
         profile = f"{self.space.note} is not followed" if self.space.note else ""

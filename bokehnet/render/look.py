@@ -81,7 +81,7 @@ def _matching_fields(settings: Group, kind: type, prefix: str = "") -> dict[str,
 
 
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
-    """Return the expansion of clipped lights; None without one.
+    """Return the expansion of lights above a threshold; None without a threshold.
 
     Examples:
         >>> import numpy as np
@@ -89,7 +89,7 @@ def make_highlights(settings: HighlightSettings) -> Highlights | None:
         >>> lights.expand(np.array([[0.5] * 3, [1.0] * 3])).tolist()  # grey stays, white becomes 4
         [[0.5, 0.5, 0.5], [4.0, 4.0, 4.0]]
     """
-    if settings.threshold is None:
+    if isinstance(settings.threshold, str):
         return None
     gain = {} if settings.gain is None else {"gain": settings.gain}
     return Highlights(threshold=settings.threshold, **gain)

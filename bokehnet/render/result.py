@@ -45,6 +45,7 @@ class RenderReport:
         notes: Automatic choices and warnings, one line each.
         assumptions: Values that neither settings nor files define, a few words each.
         reading: Assumptions about the map, a few words each: unit, direction, coding, holes.
+        light: Recovered light of clipped pixels, a few words; empty if none was recovered.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -62,6 +63,7 @@ class RenderReport:
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
+    light: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -176,12 +176,8 @@ class _Api:
         if role == "picture":
             has_depth = path.suffix.lower() == ".exr"
             settings = RenderSettings().updated({"input": {"depth": str(path)}} if has_depth else {})
-            try:
-                await asyncio.to_thread(session.open, path, settings)
-            except BokehnetError:
-                if not has_depth:
-                    raise
-                await asyncio.to_thread(session.open, path, RenderSettings())
+            fallback = RenderSettings() if has_depth else None  # an EXR without depth
+            await asyncio.to_thread(session.open, path, settings, fallback=fallback)
         elif role in ("disparity", "depth", "defocus"):
             opened = _open_one(session)
             look = RenderSettings().updated(

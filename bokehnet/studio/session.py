@@ -72,15 +72,28 @@ class Session:
         self.fine.stop()
         self._holder.cleanup()
 
-    def open(self, path: Path, settings: RenderSettings, strokes: list[Stroke] | None = None) -> None:
+    def open(
+        self,
+        path: Path,
+        settings: RenderSettings,
+        strokes: list[Stroke] | None = None,
+        *,
+        fallback: RenderSettings | None = None,
+    ) -> None:
         """Open a picture in place of the current one, which stays open on failure.
+
+        Args:
+            path: Picture.
+            settings: Settings with its depth.
+            strokes: Strokes on the map.
+            fallback: Settings to try if the picture cannot be opened with ``settings``.
 
         Raises:
             BokehnetError: The picture cannot be read, or not in time.
         """
         self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, complete = self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
+            scene, complete = self._read(path, settings, fallback)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
@@ -98,6 +111,15 @@ class Session:
             self._uploads += [folder for folder in folders if self.folder in folder.parents]
             self._remove_unused()
         self._repair()
+
+    def _read(self, path: Path, settings: RenderSettings, fallback: RenderSettings | None) -> Any:
+        """Return the scene of a picture and its complete settings."""
+        try:
+            return self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
+        except BokehnetError:
+            if fallback is None:
+                raise
+        return self.slow.run(open_picture, path, fallback, seconds=_MAX_OPENING_SECONDS)
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
         """Apply changes from a page, all or none; null resets a field to its default.
