@@ -80,7 +80,7 @@ class Layers:
 
 
 @njit(cache=True, parallel=True)
-def _are_valid(colors, defocus, coverage):  # type: ignore[no-untyped-def]
+def _are_valid(colors, defocus, coverage):
     """Return whether all values are finite, coverage is in [0, 1] and the layers are front to back."""
     height, width, layers = defocus.shape
     faults = 0

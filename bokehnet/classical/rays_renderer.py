@@ -153,7 +153,7 @@ _fuse = njit()(fuse)
 
 
 @njit(cache=True, parallel=True)
-def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
+def _blend(smooth, error_map, rays_mask, result):
     """Blend the rays in ``result`` with the scatter ``smooth``, by the weight ``error_map``."""
     for y in prange(rays_mask.shape[0]):
         for x in range(rays_mask.shape[1]):

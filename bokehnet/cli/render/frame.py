@@ -15,7 +15,7 @@ from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.engine_registry import DEFAULT_ENGINE
 from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
-from bokehnet.io.finished import is_finished
+from bokehnet.io.formats.finished import is_finished
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output

@@ -6,12 +6,12 @@ import zipfile
 
 import numpy as np
 import pytest
-from bokehnet.studio.archive import read_session, write_session
 
 from bokehnet.errors import BokehnetError, ConfigError
 from bokehnet.io.channels import write_channels
 from bokehnet.process_limits import limit_address_space, limit_cpu_time
 from bokehnet.studio.background import BackgroundProcess
+from bokehnet.studio.files.archive import read_session, write_session
 
 
 @pytest.fixture

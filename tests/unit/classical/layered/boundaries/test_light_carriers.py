@@ -13,7 +13,7 @@ LAMP = np.array([400.0, 300.0, 100.0], np.float32)
 
 
 def night(lamp_is_near, coverage=0.3):
-    """A dark edge at column 20; a lamp fills the last pixel of its own side and ``coverage`` of the next one."""
+    """A dark edge at column 20; a lamp fills the last pixel of its side and ``coverage`` of the next one."""
     image = np.full((41, 41, 3), 0.02, np.float32)
     image[:, 20:] = 0.05
     defocus = np.where(np.arange(41) < 20, NEAR, FAR).astype(np.float32) * np.ones((41, 1), np.float32)
