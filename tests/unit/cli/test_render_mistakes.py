@@ -171,3 +171,19 @@ def test_a_manifest_that_is_none(fails, folder, text, words):
     (folder / "weights").mkdir()
     (folder / "weights" / "manifest.json").write_text(text)
     fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)
+
+
+def test_the_checks_before_a_render_import_no_kernels(python_process):
+    """Mistakes are reported within half a second of processor time, of which numba would take 0.2 s."""
+    outcome = python_process(
+        "import sys, bokehnet.cli.app, bokehnet.cli.render.checks\n"
+        "sys.exit(', '.join({'numba', 'onnxruntime', 'torch'} & set(sys.modules)) or 0)"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_depth_in_a_numpy_file_with_options_for_the_camera(folder, cli):
+    np.save("z.npy", np.tile(np.linspace(1, 4, WIDTH, dtype=np.float32), (HEIGHT, 1)))
+    assert cli(*PHOTO, "--depth", "z.npy", *LENS, "-o", "out.png").code == 0
+    outcome = cli(*PHOTO, "--depth", "z.npy", *LENS[2:], "-o", "out2.png")
+    assert "--depth needs --focal-length" in outcome.err
