@@ -115,7 +115,7 @@ def test_disparity_that_is_not_finite_is_told_with_its_place(fails, value, write
     disparity = np.linspace(0, 1, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
     disparity[3, 7] = value
     write_channels("bad.exr", Y=disparity)
-    fails([*PHOTO, "--disparity", "bad.exr", *SIZES], "bad.exr", "NaN or infinite", "x=7, y=3")
+    fails([*PHOTO, "--disparity", "bad.exr", *SIZES, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
 
 
 @pytest.mark.parametrize("value", [0, -2.5, np.nan, -np.inf])
@@ -123,7 +123,7 @@ def test_depth_that_is_not_above_zero_is_told_with_its_place(fails, value, write
     depth = np.full((HEIGHT, WIDTH), 2.0)
     depth[3, 7] = value
     write_channels("bad.exr", Z=depth)
-    fails([*PHOTO, "--depth", "bad.exr", *LENS], "bad.exr", "not above 0", "x=7, y=3")
+    fails([*PHOTO, "--depth", "bad.exr", *LENS, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
 
 
 @pytest.mark.parametrize(

@@ -188,7 +188,8 @@ def test_holes_of_metric_depth_are_counted_and_placed(folder, fails, write_chann
     depth = np.full((40, 64), 3.0)
     depth[5, 7:9] = hole
     write_channels(folder / "holes.exr", Z=depth)
-    fails(["render", "photo.png", "--depth", "holes.exr", *METRIC], "2 pixels, first at x=7, y=5", "holes")
+    words = ["render", "photo.png", "--depth", "holes.exr", *METRIC, "--holes", "error"]
+    fails(words, "2 pixels", "first at x=7, y=5", "holes")
 
 
 @pytest.mark.parametrize("hole", [np.nan, np.inf])
@@ -196,8 +197,8 @@ def test_holes_of_disparity_are_counted_and_placed(folder, fails, write_channels
     values = np.full((40, 64), 0.5)
     values[5, 7:9] = hole
     write_channels(folder / "holes.exr", disparity=values)
-    words = ["render", "photo.png", "--disparity", "holes.exr", *RELATIVE]
-    fails(words, "2 pixels, first at x=7, y=5", "set them to finite values")
+    words = ["render", "photo.png", "--disparity", "holes.exr", *RELATIVE, "--holes", "error"]
+    fails(words, "2 pixels", "first at x=7, y=5", "--holes fill fills them")
 
 
 def test_no_data_of_disparity_is_infinitely_far(folder, cli, write_channels):
