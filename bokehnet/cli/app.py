@@ -28,7 +28,13 @@ from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import message_of
 from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
-from bokehnet.cli.streams import library_lines_caught, open_closed_streams, write_failure
+from bokehnet.cli.streams import (
+    address_space_shortage,
+    library_lines_caught,
+    open_closed_streams,
+    shortage,
+    write_failure,
+)
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
@@ -36,7 +42,7 @@ __all__ = ["app", "main", "run"]
 
 # Commands that run until they are stopped: the lines of libraries are their log.
 _SERVICES = (["serve"], ["studio"])
-_QUIET = {"-q", "--quiet"}
+_QUIET, _HELP = {"-q", "--quiet"}, {"-h", "--help", "--version"}
 
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
@@ -100,8 +106,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"out of memory, try a smaller picture ({error})")
     except BrokenPipeError:  # the reader of stdout has enough
         return 1
-    except OSError as error:
-        return _fail(write_failure(error))
+    except (ImportError, OSError, RuntimeError) as error:
+        if (problem := shortage(error)) is None:
+            raise
+        return _fail(problem)
     except (KeyboardInterrupt, click.Abort):
         code = _INTERRUPTED
     if code == _INTERRUPTED:
@@ -116,6 +124,8 @@ def main() -> None:
     open_closed_streams()
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
     arguments = sys.argv[1:]
+    if (problem := address_space_shortage()) and not _HELP.intersection(arguments):
+        _leave(_fail(problem))
     if arguments[:1] in _SERVICES:
         _leave(run(arguments))
     with library_lines_caught() as lines:

@@ -22,6 +22,7 @@ from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
 from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
+from bokehnet.scene.subject import find_subject
 from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
@@ -98,7 +99,9 @@ def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
             changes["camera"][name] = default
     has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
     if not has_focus and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
-        changes["focus"]["at"] = [width // 2, height // 2]
+        x, y = find_subject(scene.image, depth.values).position
+        rows, columns = depth.values.shape
+        changes["focus"]["at"] = [x * width // columns, y * height // rows]
     return settings.updated(changes)
 
 

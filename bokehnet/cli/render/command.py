@@ -113,7 +113,7 @@ def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
             "--output", expected="a name with a placeholder for the frame, such as out.####.png", shown="none"
         )
     from bokehnet.cli.render.default_output import default_output
-    from bokehnet.io.output_format import IMAGE_EXTENSIONS
+    from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
     from bokehnet.io.video.frames import VIDEO_EXTENSIONS
 
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
@@ -151,7 +151,7 @@ def _render_sequence(
 ) -> None:
     from bokehnet.cli.commands.models import ensure_model
     from bokehnet.cli.progress import compile_notice
-    from bokehnet.cli.render.frame import frame_jobs
+    from bokehnet.cli.render.frame import context_jobs, frame_jobs
 
     jobs = frame_jobs(job, sequence)
     ensure_model(job.settings.input.depth_model)
@@ -164,6 +164,7 @@ def _render_sequence(
     with compile_notice(hidden=quiet):
         render_frames(
             jobs,
+            context=context_jobs(job, sequence),
             processes=run.jobs or 1,
             cluster=cluster,
             overwrite=run.overwrite,

@@ -38,6 +38,7 @@ class FrameSummary:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", *self.report.reading, self._repair()]
+        parts.append(self.report.light)
         line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
         assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
         return f"{line}; assumed: {assumptions}" if assumptions else line
@@ -66,6 +67,7 @@ class FrameSummary:
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
             "assumptions": [with_option_names(text) for text in report.assumptions],
             "reading": list(report.reading),
+            "recovered_light": report.light,
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
@@ -133,7 +135,8 @@ class SummaryPrinter:
             _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
-            smoothed = ", maps smoothed in time" if shot.steady is not None else ""
+            around = f" with {_count(shot.around)} around them" if shot.around else ""
+            smoothed = f", maps smoothed in time{around}" if shot.steady is not None else ""
             reading = done[min(done)].report.reading if done else ()
             assumed = "".join(f", {words}" for words in reading)
             _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")
