@@ -113,7 +113,9 @@ def test_depth_in_another_unit_is_told(folder, cli, write_channels, factor, unit
     metres = np.tile(np.linspace(1.5, 5, 300), (200, 1))
     write_channels(folder / "z.exr", Z=metres * factor)
     options = [*METRIC, "--depth-unit", unit, "-o", "out.png"]
-    found = notes(cli("render", "large.png", "--depth", "z.exr", *options))
+    found = [
+        line for line in notes(cli("render", "large.png", "--depth", "z.exr", *options)) if "%" not in line
+    ]
     assert (found == []) if words is None else (words in found[0] and "check --depth-unit" in found[0])
 
 
