@@ -27,8 +27,8 @@ class LightConfig:
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
         area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
-        area_gain_min: Minimum radiance measured so, with a hard clip and with a shoulder: what a shoulder that
-            ends below white clips is brighter than white.
+        area_gain_min: Minimum radiance measured so, with a hard clip and with a shoulder: what a shoulder
+            that ends below white clips is brighter than white.
         area_gain_max: Maximum radiance measured by the sharpness of edges.
         matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
             shoulder that ends below white.

@@ -50,7 +50,7 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     is_small = np.sqrt(area / np.pi) <= max_radius
     small = float(clipped[is_small].sum())
     share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
-    share = float(share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1]))
+    share = share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
     # Bright matter of a saturated colour clips in one channel alone.
     second = np.sort(picture.image[at], axis=-1)[:, 1]
     is_light = is_small & (regions.sums(second >= picture.level) > 0)
