@@ -10,8 +10,8 @@ import numpy as np
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
 from bokehnet.errors import ConfigError, LensError, ParameterError, errors_of_file
 from bokehnet.io.color.srgb import luminance
+from bokehnet.io.files.text import read_text
 from bokehnet.io.image import read_image
-from bokehnet.io.text import read_text
 from bokehnet.io.window import Window
 from bokehnet.lenses.aberrations.aberration_cache import cached_aberration_map
 from bokehnet.lenses.aberrations.aberration_table import parse_aberration_table

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ImageFileError
-from bokehnet.io.buffers import write_to_stream
 from bokehnet.io.color.color_space import LINEAR_REC709, convert
+from bokehnet.io.files.buffers import write_to_stream
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.optics.pixels.pixel_filter import FilterChoice

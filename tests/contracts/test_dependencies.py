@@ -56,6 +56,27 @@ def test_the_constraints_name_all_that_the_development_environment_holds():
     assert sorted(needed - named) == []
 
 
+def test_the_container_installs_locked_versions_with_hashes():
+    """Every package that its extras need, in the version of the constraints."""
+    text = (ROOT / "containers/requirements.txt").read_text(encoding="utf-8")
+    entries = [entry for entry in re.split(r"\n(?=[a-z])", text) if "==" in entry]
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if "==" in line and not line.startswith("#"))
+    pinned = {canonical(name): version for name, version in pinned.items()}
+    locked = {}
+    for entry in entries:
+        name, version = re.match(r"([\w.-]+)==(\S+)", entry.lstrip("# ")).groups()
+        locked[canonical(name)] = version
+        assert "--hash=sha256:" in entry, name
+    needed = installed_by("serve") | installed_by("models")
+    assert {"fastapi", "numpy"} <= needed
+    assert sorted(needed - set(locked)) == []
+    assert {name: locked[name] for name in locked if name in pinned and pinned[name] != locked[name]} == {}
+    recipe = (ROOT / "containers/Containerfile").read_text(encoding="utf-8")
+    assert "--require-hashes -r requirements.txt" in recipe
+    assert "--no-deps --no-build-isolation" in recipe
+
+
 def test_the_conda_recipe_needs_what_the_package_needs():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     wanted = {f"python {PROJECT['requires-python']}"}

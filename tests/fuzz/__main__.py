@@ -110,6 +110,7 @@ def _say(text: str) -> None:
 def import_all() -> None:
     """Import the modules of the commands once, before children are forked."""
     rooms = (
+        "classical",
         "cli",
         "depth_repair",
         "engines",
@@ -124,6 +125,8 @@ def import_all() -> None:
     for room in rooms:
         package = importlib.import_module(f"bokehnet.{room}")
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if module.name.startswith(("bokehnet.classical.torch", "bokehnet.classical.cuda")):
+                continue
             with contextlib.suppress(ImportError):
                 importlib.import_module(module.name)
     gc.collect()

@@ -133,7 +133,7 @@ def main() -> None:
         shot = Shot(arguments.frames, step)
         with tempfile.TemporaryDirectory() as folder:
             steady = FilteredShot(Path(folder))
-            steady.filter(zip(shot.images, shot.maps, strict=True), arguments.frames)
+            steady.filter(zip(shot.images, shot.maps, strict=True), range(arguments.frames))
             maps = [np.clip(steady.read(t), 0, 1) for t in range(arguments.frames)]
         rows = [
             ("each for itself", shot.maps, "off"),
@@ -144,7 +144,8 @@ def main() -> None:
         print_row(name, "true maps", shot, reference, reference)
         for label, values, repair in rows:
             print_row(name, label, shot, render(renderer, shot, values, frame_numbers, repair)[0], reference)
-        plan = common_plan(render(renderer, shot, maps, frame_numbers[:3], "auto")[1])
+        plan = common_plan(render(renderer, shot, shot.maps, frame_numbers[:3], "auto")[1])
+        plan = replace(plan, noise=None)
         pictures, _ = render(renderer, shot, maps, frame_numbers, "auto", plan)
         print_row(name, "steady, planned", shot, pictures, reference)
     print(f"focus pull: largest change {pull_evenness(renderer, 9):.2f} times the median one")

@@ -72,8 +72,8 @@ def _check_maps_folder(folder: Path | None) -> None:
         raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
 
 
-def check_inputs(image: Path, settings: RenderSettings) -> None:
-    """Raise unless the files of a picture can be opened, and focus and camera apply to it.
+def check_inputs(image: Path, settings: RenderSettings) -> Window:
+    """Return the size of a picture; raise unless its files can be opened and the settings apply to it.
 
     Args:
         image: File of the picture.
@@ -96,6 +96,7 @@ def check_inputs(image: Path, settings: RenderSettings) -> None:
             _, own = picture_header(settings.input.depth)
             complete_camera(settings.camera, merged_camera(camera, own), source.origin)
     errors.raise_all()
+    return window
 
 
 def picture_header(path: Path) -> tuple[Window, Camera | None]:

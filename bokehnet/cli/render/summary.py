@@ -135,7 +135,8 @@ class SummaryPrinter:
             _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
-            smoothed = ", maps smoothed in time" if shot.steady is not None else ""
+            around = f" with {_count(shot.around)} around them" if shot.around else ""
+            smoothed = f", maps smoothed in time{around}" if shot.steady is not None else ""
             reading = done[min(done)].report.reading if done else ()
             assumed = "".join(f", {words}" for words in reading)
             _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")

@@ -176,8 +176,6 @@ class MetricDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
-
         _check_source("depth", self.map)
         camera = photo.camera
         stored = _stored("depth", self.map, self.channel, self.coding, self.holes, photo)
@@ -208,6 +206,8 @@ class MetricDepth:
         self, stored: StoredMap, photo: Photo
     ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
         """Return disparity in 1/mm, words for the summary and notes, of depth in a unit."""
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
         name = _name_of(self.map, "depth map")
         if self.unit is None and stored.largest_integer is not None:
             largest = stored.largest_integer
@@ -215,6 +215,7 @@ class MetricDepth:
                 f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
                 "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
             )
+
         unit, numbers = self.unit or "m", stored.numbers
         missing = find_missing_depth(
             numbers, stored.largest_integer, is_disparity=self._is_disparity, no_data=self.no_data
@@ -222,6 +223,7 @@ class MetricDepth:
         if missing.counts["negative"] > numbers.size / 2:
             raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
+
         disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
         values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
         return values, (f"depth in {unit}", *stored.reading, *reading), (*stored.notes, *notes)

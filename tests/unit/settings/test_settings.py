@@ -16,7 +16,7 @@ from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.io.depth.false_colors import COLOR_MAPS
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS
 from bokehnet.io.depth.units import DEPTH_UNITS
-from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
+from bokehnet.io.formats.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.sliders import AberrationSliders
