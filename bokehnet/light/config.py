@@ -98,7 +98,7 @@ class LightConfig:
     lamp_radius_px: float = 8.0
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
-    night: tuple[float, float] = (0.02, 0.05)
+    night: tuple[float, float] = (0.02, 0.035)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)
     max_lamp_gain: float = 80.0

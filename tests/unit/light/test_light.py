@@ -89,7 +89,7 @@ def test_lamps_get_the_flux_of_their_halo():
         given, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
         assert np.all(given / true > 1 / 4.5), (row, column, given / true)
         assert np.all(given / true < 2), (row, column, given / true)
-        assert np.all(stored(light)[around].sum((0, 1)) < given)
+        assert np.all(stored(light)[around].sum((0, 1)) <= given)
 
 
 def test_lamps_keep_their_colour():
