@@ -75,8 +75,10 @@ def _radiance(picture: BrightPicture, rows: Indices, columns: Indices) -> float:
     near = np.maximum(picture.lowest[near_y, near_x] / picture.level - around, 0)
     further = np.maximum(picture.lowest[next_y, next_x] / picture.level - around, 0)
     blurred = float(ramp(further.sum() / max(float(near.sum()), 1e-6), config.edge_blur))
-    excess = config.area_sharp_gain * (sharpness(near) - config.matter_sharpness[picture.levels.code < 255])
-    measured = float(np.clip(1 + excess, 1, config.area_gain_max))
+    has_shoulder = picture.levels.code < 255
+    excess = config.area_sharp_gain * (sharpness(near) - config.matter_sharpness[has_shoulder])
+    lowest_gain = config.area_gain_min[has_shoulder]
+    measured = float(np.clip(1 + excess, lowest_gain, config.area_gain_max))
     return (1 - blurred) * measured + blurred * config.area_gain
 
 

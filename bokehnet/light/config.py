@@ -9,7 +9,7 @@ __all__ = ["DEFAULT_CONFIG", "LightConfig"]
 class LightConfig:
     """Constants of :func:`bokehnet.light.recovery.recover_light`.
 
-    ``python -m benchmarks.clipped_light --ablate`` measures them.
+    ``python -m benchmarks.quality.clipped_light --ablate`` measures them.
 
     Light is linear, relative to the clip level, unless a unit is given.
 
@@ -27,6 +27,8 @@ class LightConfig:
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
         area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
+        area_gain_min: Minimum radiance measured so, with a hard clip and with a shoulder: what a shoulder
+            that ends below white clips is brighter than white.
         area_gain_max: Maximum radiance measured by the sharpness of edges.
         matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
             shoulder that ends below white.
@@ -43,15 +45,17 @@ class LightConfig:
         far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
         pooled_pixels: Pixels of all regions of a layer together that each region's own are added to, in the
             farthest layer and elsewhere.
-        lamp_radius: Maximum radius of a lamp, fraction of the diagonal.
+        lamp_radius: Maximum radius of a lamp, fraction of the diagonal, if that is more than
+            ``lamp_radius_px``.
+        lamp_radius_px: The same, pixels.
         lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
         max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
-        lamp_fraction: Fraction of the picture in lamps up to which they are lamps, and from which the picture is
-            white text on black.
+        lamp_fraction: Fraction of the picture in lamps up to which they are lamps, and from which the
+            picture is white text on black.
         lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
@@ -77,6 +81,7 @@ class LightConfig:
     bright: float = 0.5
     area_gain: float = 7.0
     area_sharp_gain: float = 4.0
+    area_gain_min: tuple[float, float] = (1.0, 3.0)
     area_gain_max: float = 6.5
     matter_sharpness: tuple[float, float] = (0.8, 0.6)
     edge_blur: tuple[float, float] = (0.38, 0.5)
@@ -90,9 +95,10 @@ class LightConfig:
     far: float = 0.08
     pooled_pixels: tuple[float, float] = (400.0, 150.0)
     lamp_radius: float = 0.012
+    lamp_radius_px: float = 8.0
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
-    night: tuple[float, float] = (0.02, 0.05)
+    night: tuple[float, float] = (0.02, 0.035)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)
     max_lamp_gain: float = 80.0

@@ -46,10 +46,11 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     """Return the certainty, 0 to 1, that bright regions are lamps in a picture of the night, (regions,)."""
     config, at = picture.config, (regions.rows, regions.columns)
     surround = regions.sums(picture.surround(*at)) / area
-    is_small = np.sqrt(area / np.pi) <= config.lamp_radius * picture.diagonal
+    max_radius = max(config.lamp_radius * picture.diagonal, config.lamp_radius_px)
+    is_small = np.sqrt(area / np.pi) <= max_radius
     small = float(clipped[is_small].sum())
     share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
-    share = float(share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1]))
+    share = share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
     # Bright matter of a saturated colour clips in one channel alone.
     second = np.sort(picture.image[at], axis=-1)[:, 1]
     is_light = is_small & (regions.sums(second >= picture.level) > 0)

@@ -114,6 +114,8 @@ def context_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJo
 
 def _jobs_of(job: FrameJob, sequence: SequenceSettings, frames: Sequence[int]) -> dict[int, FrameJob]:
     base = job.settings
+    if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
+        base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(sequence.frames or (), sequence, metric=metric)
     maps = base.output.save_maps

@@ -25,7 +25,7 @@ EARLIER = """
 output disparity depth channel depth-unit invert disparity-range blur focus focal-length f-number
 focus-distance sensor-width focus-at focus-range focus-plane tilt-x tilt-y resize-disparity mixed-depth
 refine-disparity engine preset blades blade-curvature aperture-rotation squeeze cats-eye aperture-image rim
-obstruction onion onion-rings disc-grain disc-grain-seed gamma highlights highlight-strength highlight-gain lens aberrations
+obstruction onion onion-rings disc-grain disc-grain-seed gamma highlights highlight-gain lens aberrations
 lens-f-number lens-distortion spherical coma astigmatism field-curvature axial-fringe lateral-fringe axial-map
 lateral-map fringe-glass dispersion equaliser distortion distortion-brown cos4 optical-vignetting vignette
 vignette-radius vignette-softness vignette-roundness grain grain-size grain-mono grain-seed frames jobs

@@ -79,7 +79,7 @@ def test_the_clip_level_is_where_the_camera_ends(top):
 
 
 def test_lamps_get_the_flux_of_their_halo():
-    """Authority: the flux that the scene has. Within a factor of 3.5: the core is sharper than assumed."""
+    """Authority: the flux that the scene has. Within a factor of 4.5: the core is sharper than assumed."""
     rng = np.random.default_rng(2)
     places = [(40, 40, 1.0, 100.0), (40, 120, 1.0, 300.0), (100, 60, 1.0, 30.0), (110, 180, 1.0, 200.0)]
     light = night(rng, places, color=(1.0, 0.6, 0.25), halo=DEFAULT_CONFIG.diffraction)
@@ -87,9 +87,9 @@ def test_lamps_get_the_flux_of_their_halo():
     for row, column, *_ in places:
         around = (slice(row - 12, row + 13), slice(column - 12, column + 13))
         given, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
-        assert np.all(given / true > 1 / 3.5), (row, column, given / true)
-        assert np.all(given / true < 3.5), (row, column, given / true)
-        assert np.all(stored(light)[around].sum((0, 1)) < given)
+        assert np.all(given / true > 1 / 4.5), (row, column, given / true)
+        assert np.all(given / true < 2), (row, column, given / true)
+        assert np.all(stored(light)[around].sum((0, 1)) <= given)
 
 
 def test_lamps_keep_their_colour():

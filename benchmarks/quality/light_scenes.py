@@ -29,7 +29,7 @@ from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.surface_textures import surface_texture
 
-__all__ = ["CAMERAS", "LIGHT", "MATTER", "CameraCurve", "LightCase", "cases"]
+__all__ = ["CAMERAS", "LIGHT", "MATTER", "CameraCurve", "LightCase", "cases", "decoded", "make_case"]
 
 _CONFIG = SynthConfig(seed=1, scenes=1, width=384, height=256)
 _HALF = np.array([_CONFIG.sensor_width / 2, _CONFIG.sensor_width / 2 * 256 / 384]) / _CONFIG.sensor_distance
@@ -46,13 +46,11 @@ class CameraCurve:
         shoulder: Linear light from which values are compressed; 1 clips hard.
         top: Stored value of clipped light, 8 bit.
         white: Linear light that is stored as ``top``.
-        jpeg: Quality of the JPEG; None for PNG.
     """
 
     shoulder: float = 1.0
     top: int = 255
     white: float = 1.0
-    jpeg: int | None = None
 
     def store(self, light: np.ndarray) -> np.ndarray:
         """Return the stored picture (H, W, 3) uint8 of scene-linear light."""
@@ -260,7 +258,12 @@ def _wall(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(wall * np.array([1, 0.98, 0.94]), 0.1), planes=(_subject(rng, 0.2),))
 
 
-LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {"sky": _sky, "window": _window, "night": _night}
+LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {
+    "sky": _sky,
+    "window": _window,
+    "night": _night,
+    "lamps": _night,  # with the halo of the lens
+}
 MATTER: dict[str, Callable[[np.random.Generator], Scene]] = {
     "cards": _cards,
     "houses": _houses,
@@ -291,7 +294,7 @@ def make_case(kind: str, seed: int) -> LightCase:
     """Trace a scene of a kind of :data:`LIGHT` or :data:`MATTER`."""
     rng = np.random.default_rng([seed, *map(ord, kind)])
     halo = kind == "lamps"
-    scene = (LIGHT | MATTER | {"lamps": _night})[kind](rng)
+    scene = (LIGHT | MATTER)[kind](rng)
     focus = 0.9
 
     def camera(blur: float) -> Camera:
