@@ -22,7 +22,7 @@ The command line and the studio replace these by their own names when they show 
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import Enum
 from numbers import Integral, Real
@@ -33,6 +33,7 @@ __all__ = [
     "BokehnetError",
     "ConfigError",
     "DataFileError",
+    "ErrorCollector",
     "ImageFileError",
     "LensError",
     "MissingExtraError",
@@ -137,6 +138,14 @@ class ParameterError(BokehnetError, ValueError):
         copied.args = (copied._message(),)
         return copied
 
+    def with_others(self, others: Iterable["ParameterError"]) -> Self:
+        """Return the same error with the messages of other parameters at its end."""
+        copied = self.__copy__()
+        reasons = [f"`{other.parameter}`: {other._reason}" for other in others]
+        copied._reason = "; ".join([self._reason, *reasons])
+        copied.args = (copied._message(),)
+        return copied
+
     def _message(self) -> str:
         return ": ".join(filter(None, [self.parameter, self._reason]))
 
@@ -147,6 +156,38 @@ class ParameterError(BokehnetError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _bare, (type(self), str(self)), {**self.__dict__, "got": _portable(self.got)}
+
+
+class ErrorCollector:
+    """Collector of the errors of several parameters, for one message about all of them.
+
+    Examples:
+        >>> errors = ErrorCollector()
+        >>> for name in ("blur", "focus"):
+        ...     with errors.collect():
+        ...         raise ParameterError(name, expected="one", shown="none")
+        >>> errors.raise_all()
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: blur: expected one, got none; `focus`: expected one, got none
+    """
+
+    def __init__(self) -> None:
+        self._errors: list[ParameterError] = []
+
+    @contextmanager
+    def collect(self) -> Iterator[None]:
+        """Keep a ``ParameterError`` of the block."""
+        try:
+            yield
+        except ParameterError as error:
+            self._errors.append(error)
+
+    def raise_all(self) -> None:
+        """Raise the errors as one, if there are any; the first one has the attributes."""
+        if self._errors:
+            first, *others = self._errors
+            raise first.with_others(others) if others else first
 
 
 class LensError(BokehnetError, ValueError):

@@ -76,7 +76,7 @@ class Layers:
         expected = "layers from front to back"
         raise ParameterError("defocus", expected, self.defocus, shown="a layer in front of the previous one")
 
-    in_light = earlier_name("in_light", "with_mapped_colors")
+    in_light = earlier_name("Layers", "in_light")
 
 
 @njit(cache=True, parallel=True)

@@ -45,7 +45,7 @@ def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
                 bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
 
 
-@renamed_keywords(place="viewport")
+@renamed_keywords
 def scatter(
     image: Picture,
     defocus: npt.NDArray[np.floating[Any]],

@@ -7,9 +7,9 @@ import sys
 import threading
 import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.commands.compare import compare
 from bokehnet.cli.commands.demo import demo
@@ -23,8 +23,10 @@ from bokehnet.cli.commands.studio import studio
 from bokehnet.cli.commands.synth import synth
 from bokehnet.cli.commands.trace import trace
 from bokehnet.cli.commands.warm_up import warm_up
+from bokehnet.cli.completion import install_completion, show_completion
 from bokehnet.cli.lens.command import lens
-from bokehnet.cli.options import QuickGroup, SectionedCommand, message_of
+from bokehnet.cli.options import message_of
+from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
 from bokehnet.cli.streams import (
     address_space_shortage,
@@ -33,7 +35,7 @@ from bokehnet.cli.streams import (
     shortage,
     write_failure,
 )
-from bokehnet.errors import BokehnetError
+from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
@@ -44,49 +46,43 @@ _QUIET, _HELP = {"-q", "--quiet"}, {"-h", "--help", "--version"}
 
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
-# Base class of the parser's usage errors, which typer does not export.
-_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
-app = typer.Typer(
+class _Root(click.Group):
+    """Group of all commands; Ctrl-C ends any of them with the exit code of shells."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise click.exceptions.Exit(_INTERRUPTED) from error
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands in the order of definition."""
+        return list(self.commands)
+
+
+@click.group(
     name="bokehnet",
-    help="Render bokeh from a picture and its depth, with classical, neural and hybrid engines.",
-    cls=QuickGroup,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    cls=_Root,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-app.command(cls=SectionedCommand)(render)
-app.command(cls=SectionedCommand)(compare)
-app.command()(demo)
-app.command()(depth)
-app.command()(export)
-app.command()(info)
-app.add_typer(lens)
-app.command()(models)
-app.command()(presets)
-app.command(cls=SectionedCommand)(serve)
-app.command(cls=SectionedCommand)(studio)
-app.command()(synth)
-app.command()(trace)
-app.command()(warm_up)
-
-
-def _show_version(requested: bool) -> None:
-    if requested:
-        typer.echo(f"bokehnet {__version__}")
-        raise typer.Exit
-
-
-@app.callback(invoke_without_command=True)
-def _root(
-    context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
-    ] = False,
-) -> None:
+@click.version_option(__version__, message="bokehnet %(version)s", help="Show the version and exit.")
+@install_completion
+@show_completion
+@click.pass_context
+def app(context: click.Context) -> None:
+    """Render bokeh from a picture and its depth, with classical, neural and hybrid engines."""
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        click.echo(context.get_help())
+
+
+for _command in (
+    *(render, compare, demo, depth, export, info, lens, models),
+    *(presets, serve, studio, synth, trace, warm_up),
+):
+    app.add_command(_command)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -102,9 +98,10 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(message_of(error))
-    except _UsageError as error:
-        return _fail(f"{error.format_message().rstrip('.')}; see bokehnet --help")  # type: ignore[attr-defined]
+        return _fail(message_of(error) + _help_hint(arguments, error))
+    except click.UsageError as error:
+        command = "bokehnet" if error.ctx is None else error.ctx.command_path
+        return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
     except MemoryError as error:
         return _fail(f"out of memory, try a smaller picture ({error})")
     except BrokenPipeError:  # the reader of stdout has enough
@@ -113,10 +110,10 @@ def run(arguments: Sequence[str]) -> int:
         if (problem := shortage(error)) is None:
             raise
         return _fail(problem)
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, click.Abort):
         code = _INTERRUPTED
     if code == _INTERRUPTED:
-        typer.echo("bokehnet: interrupted", err=True)
+        click.echo("bokehnet: interrupted", err=True)
     return code if isinstance(code, int) else 0
 
 
@@ -135,7 +132,7 @@ def main() -> None:
         code = run(arguments)
         code = _flushed(code)
     if code == 0 and lines.count and not _QUIET.intersection(arguments):
-        typer.echo(f"bokehnet: {lines.summary()}", err=True)
+        click.echo(f"bokehnet: {lines.summary()}", err=True)
     _leave(code)
 
 
@@ -171,8 +168,17 @@ def _leave(code: int) -> None:
     sys.exit(code)
 
 
+def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
+    """Return where the help of a wrong option is, for commands with groups of options."""
+    command = app.commands.get(arguments[0]) if arguments else None
+    if not isinstance(error, ParameterError) or not isinstance(command, SectionedCommand):
+        return ""
+    group = command.group_of(error.parameter) if command.common else ""
+    return f"; see bokehnet {command.name} --help {group}" if group else ""
+
+
 def _fail(message: str) -> int:
     line = " ".join(message.split())
     with contextlib.suppress(OSError):  # stderr may be full, or closed
-        typer.echo(f"bokehnet: error: {line}", err=True)
+        click.echo(f"bokehnet: error: {line}", err=True)
     return 1

@@ -244,7 +244,7 @@ class DisparityRepair:
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
         if image.min() < 0:
             image = np.maximum(image, 0)
-        noise = noise_level(disparity) if plan is None else plan.noise
+        noise = plan.noise if plan is not None and plan.noise is not None else noise_level(disparity)
         if not is_noisy(noise):
             return self._move_edges(image, disparity, mode, progress, plan)
         denoised = denoise_map(image, disparity, noise * span)

@@ -13,7 +13,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-import bokehnet.io.decoder_threads  # noqa: F401  # prepares forks
+import bokehnet.io.files.decoder_threads  # noqa: F401  # prepares forks
 from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count, check_value_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm

@@ -44,6 +44,7 @@ def expose(
     optics: Optics,
     report: Progress,
     overwrite: bool,
+    cached: int = 0,
 ) -> RenderResult:
     """Blur a scene and apply the effects of the camera.
 
@@ -54,6 +55,7 @@ def expose(
         optics: Aperture, lens and camera of the settings.
         report: Progress callback; an exception that it raises ends the render.
         overwrite: True if the result may overwrite image and defocus.
+        cached: Bytes of the kept maps, which count towards a memory bound.
 
     Examples:
         >>> from bokehnet.optics.aperture import Aperture
@@ -83,7 +85,7 @@ def expose(
             lens,
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
-            memory_in_use=_memory_in_use(scene, keep, overwrite),
+            memory_in_use=cached + _memory_in_use(scene, keep, overwrite),
             overwrite=overwrite,
             known=scene.known,
             layers=scene.layers,
@@ -173,6 +175,9 @@ def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderR
         focus_distance=None if focused is None else focused.distance,
         pixel_filter=scene.pixel_filter if engine.name in RAY_ENGINES else None,
         notes=scene.notes,
+        assumptions=() if focused is None else focused.assumptions,
+        reading=scene.reading,
+        light=scene.light,
     )
 
 

@@ -12,14 +12,16 @@ from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, File, Form, Header, Request, Response, UploadFile
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.serve.docs_page import CONTENT_POLICY, docs_page
 from bokehnet.serve.metrics import Metrics
 from bokehnet.serve.pool import Pool
 from bokehnet.serve.problems import CANCELLED, MEDIA_TYPE, Problem, problem_of
 from bokehnet.serve.requests import FORMATS, check_request, file_name
+from bokehnet.serve.runnable import check_runnable
 from bokehnet.serve.service_settings import ServiceSettings
 from bokehnet.serve.store import DamagedJob, JobStore, QueueFull
 from bokehnet.serve.tokens import Tokens
@@ -67,7 +69,7 @@ def make_app(settings: ServiceSettings) -> FastAPI:
         version=__version__,
         description="Bokeh from an all-in-focus picture and its depth. Errors are documents of RFC 9457.",
         lifespan=lifespan,
-        docs_url=None,  # its page would load external scripts
+        docs_url=None,  # that page would load external scripts; see docs_page.py
         redoc_url=None,
     )
     app.state.pool = pool
@@ -80,6 +82,7 @@ def make_app(settings: ServiceSettings) -> FastAPI:
         respond=lambda problem: _problem_response(problem, metrics),
     )
     _add_health(app, tokens, metrics, pool)
+    _add_docs(app)
     service = _Service(settings=settings, tokens=tokens, store=store, metrics=metrics, pool=pool)
     _add_submission(app, service)
     _add_jobs(app, service)
@@ -105,6 +108,14 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
         """Return counters in Prometheus' text format."""
         tokens.client(authorization)
         return Response(metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+
+
+def _add_docs(app: FastAPI) -> None:
+    @app.get("/docs", include_in_schema=False)
+    def docs(request: Request) -> HTMLResponse:
+        """Return the description of the interface and of all settings."""
+        page = docs_page(app.openapi(), str(request.base_url).rstrip("/"))
+        return HTMLResponse(page, headers={"Content-Security-Policy": CONTENT_POLICY})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,6 +239,7 @@ def _store_submission(service: _Service, submission: _Submission) -> tuple[str, 
             hashes["image"] = fetch_url(
                 submission.image_url, hosts, target, settings.max_upload, settings.patience
             )
+        check_runnable(submission.request, incoming)
         content = json.dumps([submission.request, hashes], sort_keys=True)
         fingerprint = hashlib.sha256(content.encode()).hexdigest()
         request = submission.request | {

@@ -18,13 +18,13 @@ from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings
 from bokehnet.studio.display import SPACES
+from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import Application, Guard
 from bokehnet.studio.opened import Opened, Region
 from bokehnet.studio.overlays import aperture_image, overlay, plain
 from bokehnet.studio.panels import panels
 from bokehnet.studio.preview import Picture, refine
 from bokehnet.studio.session import Session
-from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 __all__ = ["PAGE", "make_app"]
 

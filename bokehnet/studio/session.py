@@ -13,14 +13,14 @@ from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
-from bokehnet.studio.archive import read_session, write_session
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
+from bokehnet.studio.files.archive import read_session, write_session
+from bokehnet.studio.files.uploads import safe_name
 from bokehnet.studio.opened import Opened, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
 from bokehnet.studio.strokes import Stroke
-from bokehnet.studio.uploads import safe_name
 from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]

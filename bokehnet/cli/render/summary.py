@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import write_above
-from bokehnet.errors import ParameterError
 from bokehnet.render.result import RenderReport
 from bokehnet.sequence.shot import Shot
 
-__all__ = ["FrameSummary", "SummaryPrinter", "make_summary_printer"]
+__all__ = ["FrameSummary", "SummaryPrinter"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,8 +37,11 @@ class FrameSummary:
     def line(self) -> str:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
-        parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
-        return f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        parts += [f"blur up to {self.report.largest_blur:.3g} px", *self.report.reading, self._repair()]
+        parts.append(self.report.light)
+        line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
+        return f"{line}; assumed: {assumptions}" if assumptions else line
 
     def steps(self) -> str:
         """Return the time of each step and the pixel filter as one line."""
@@ -63,6 +65,9 @@ class FrameSummary:
             "pixel_filter": report.pixel_filter and str(report.pixel_filter.pixel_filter),
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
+            "assumptions": [with_option_names(text) for text in report.assumptions],
+            "reading": list(report.reading),
+            "recovered_light": report.light,
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
@@ -130,8 +135,11 @@ class SummaryPrinter:
             _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
-            smoothed = ", maps smoothed in time" if shot.steady is not None else ""
-            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s")
+            around = f" with {_count(shot.around)} around them" if shot.around else ""
+            smoothed = f", maps smoothed in time{around}" if shot.steady is not None else ""
+            reading = done[min(done)].report.reading if done else ()
+            assumed = "".join(f", {words}" for words in reading)
+            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")
 
     def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Print the summary of a frame if ``verbose``, and the notes of the first frame."""
@@ -142,19 +150,12 @@ class SummaryPrinter:
             write_above(f"bokehnet: frame {frame}: {summary.line()} ({summary.steps()})")
 
 
-def make_summary_printer(*, quiet: bool, verbose: bool, as_json: bool) -> SummaryPrinter:
-    """Return a printer of summaries; raise ``ParameterError`` if the options contradict each other."""
-    if quiet and verbose:
-        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
-    return SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
-
-
 def _print_line(text: str) -> None:
-    typer.echo(f"bokehnet: {text}", err=True)
+    click.echo(f"bokehnet: {text}", err=True)
 
 
 def _print_json(table: dict[str, Any]) -> None:
-    typer.echo(json.dumps(table, allow_nan=False))
+    click.echo(json.dumps(table, allow_nan=False))
 
 
 def _count(frames: int) -> str:

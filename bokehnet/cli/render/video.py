@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 from bokehnet.cli.commands.models import ensure_model
+from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import compile_notice, stages
 from bokehnet.cli.render.frame import make_renderer
 from bokehnet.cli.render.run_settings import RunSettings
@@ -59,8 +60,11 @@ def render_video(
         table = {"output": str(output), "codec": job.codec, "seconds": round(seconds, 3), **asdict(report)}
         print(json.dumps(table))  # noqa: T201
     elif not quiet:
+        for note in report.notes:
+            print(f"bokehnet: note: {with_option_names(note)}", file=sys.stderr)  # noqa: T201
         resumed = report.frames - report.rendered
         line = f"{output}: {report.frames} frames of {info.width}x{info.height}, {job.codec}"
         line += f", {resumed} of them rendered before" if resumed else ""
         line += ", maps smoothed in time" if report.steady else ""
+        line += "".join(f", {words}" for words in report.reading)
         print(f"{line}, {seconds:.1f} s", file=sys.stderr)  # noqa: T201

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr.deep_chunks import DeepSamples
-from bokehnet.optics.over import transmittance
-from bokehnet.optics.pixels.pixel_layers import merge_surfaces
+from bokehnet.optics.pixels.over import transmittance
 
 __all__ = ["DeepLayers", "FlatPixels", "deep_layers", "flatten", "two_surfaces"]
 
@@ -112,6 +111,8 @@ def deep_layers(
         Light of each layer, not premultiplied, (H, W, max_layers, C) for one channel or three, depth
         (H, W, max_layers), infinite in empty layers, and coverage (H, W, max_layers), front to back.
     """
+    from bokehnet.optics.pixels.pixel_layers import merge_surfaces  # imports numba, 0.2 s
+
     shape = (*samples.counts.shape, max_layers)
     colors = np.zeros((*shape, len(channels)), np.float32)
     disparity, coverage = np.zeros(shape, np.float32), np.zeros(shape, np.float32)

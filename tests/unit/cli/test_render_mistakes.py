@@ -29,9 +29,8 @@ ALL = [*MAP, *SIZES]
         ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
         ([*MAP, "--blur", 6, "--focus", -0.1], ["--focus", "0..1", "-0.1"]),
         ([*MAP, "--blur", 6, "--focus", "nan"], ["--focus", "0..1", "nan"]),
-        ([*MAP, "--blur", 6], ["--focus, --focus-at, --focus-range and --focus-plane", "none"]),
         ([*ALL, "--focus-at", "1,1"], ["--focus-at: expected one of --focus and --focus-at, got both"]),
-        ([*MAP, "--focus", 0.4], ["--disparity needs --blur"]),
+        ([*ALL, "--strength", 5], ["--strength: expected one of --blur and --strength, got both"]),
         ([*MAP, "--blur", -1, "--focus", 0.4], ["--blur", "at least 0", "-1"]),
         ([*MAP, "--blur", "nan", "--focus", 0.4], ["--blur", "finite", "nan"]),
         ([*MAP, "--blur", "inf", "--focus", 0.4], ["--blur", "finite", "inf"]),
@@ -39,13 +38,20 @@ ALL = [*MAP, *SIZES]
             [*MAP, "--blur", "wide", "--focus", 0.4],
             ["--blur: expected a number of at least 0 pixels, got 'wide'"],
         ),
-        ([*ALL, "--f-number", 2], ["--f-number", "does not apply to --disparity"]),
+        ([*ALL, "--f-number", 2], ["--f-number", "does not apply to --disparity with --blur"]),
+        (
+            [*MAP, "--focal-length", 50, "--focus-distance", 2],
+            [
+                "--focus-distance: expected nothing: it does not apply to --disparity, got 2",
+                "--focal-length: expected nothing: it does not apply to --disparity without --f-number",
+            ],
+        ),
+        (
+            [*MAP, "--blur", "wide", "--focus", 7, "--engine", "magic"],
+            ["--blur: expected", "--focus: expected", "--engine: expected"],
+        ),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
         ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
-        (
-            [*PHOTO, "--depth", "camera.exr", *CAMERA],
-            ["--focus-distance, --focus-at, --focus-range and", "none"],
-        ),
         (
             [*PHOTO, "--depth", "camera.exr", *LENS[:-1], 0.04],
             ["cannot focus at 0.04 m: expected more than 50 mm, the --focal-length"],

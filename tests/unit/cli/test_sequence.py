@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -84,15 +85,16 @@ def test_a_lens_is_the_same_in_every_process(shot, cli, tmp_path, monkeypatch):
 
 
 def test_what_is_there_is_kept_unless_overwritten(shot, cli):
-    (shot / "out.0002.png").write_bytes(b"older")
+    shutil.copy(shot / "shot.0002.png", shot / "out.0002.png")
+    older = (shot / "out.0002.png").read_bytes()
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
     told = r"bokehnet: 3 frames rendered, 1 exist already \(--overwrite renders them again\), \d+\.\d s\n"
     assert re.fullmatch(told, outcome.err)
-    assert (shot / "out.0002.png").read_bytes() == b"older"
+    assert (shot / "out.0002.png").read_bytes() == older
     assert len(outputs(shot)) == 4
     assert cli(*SHOT, *FOCUS, "--frames", "1-4", "--overwrite").code == 0
-    assert (shot / "out.0002.png").read_bytes() != b"older"
+    assert (shot / "out.0002.png").read_bytes() != older
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])

@@ -10,8 +10,8 @@ import pytest
 from bokehnet.errors import BokehnetError, ConfigError
 from bokehnet.io.channels import write_channels
 from bokehnet.process_limits import limit_address_space, limit_cpu_time
-from bokehnet.studio.archive import read_session, write_session
 from bokehnet.studio.background import BackgroundProcess
+from bokehnet.studio.files.archive import read_session, write_session
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import BokehnetError, ConfigError, ImageFileError
-from bokehnet.studio import uploads
-from bokehnet.studio.archive import read_session
+from bokehnet.studio.files import uploads
+from bokehnet.studio.files.archive import read_session
+from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import CONTENT_POLICY
-from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 from .conftest import HOST, PORT, TOKEN
 

@@ -17,10 +17,10 @@ from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.runs import ROOT, arguments
 from train.recipe import _processes, main
-from train.recipe_jobs import call
-from train.recipe_plan import COMMANDS, Recipe, load_recipe
-from train.recipe_progress import Progress
-from train.recipe_queue import Queue, expected_seconds
+from train.recipe_steps.jobs import call
+from train.recipe_steps.plan import COMMANDS, Recipe, load_recipe
+from train.recipe_steps.progress import Progress
+from train.recipe_steps.queue import Queue, expected_seconds
 
 FULL, SMALL = (ROOT / f"configs/{name}.toml" for name in ("recipe", "recipe_small"))
 

@@ -209,3 +209,15 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
     for mode, values in (("off", given), ("on", refined), ("auto", refined)):
         _, defocus = rendered(*words, "--repair-disparity", mode)
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-5)
+
+
+def test_without_output_the_result_is_beside_the_picture_and_never_replaces_a_file(folder, cli):
+    """Rule: photo_bokeh.png, then photo_bokeh_2.png; the same picture as with -o."""
+    words = (*RELATIVE, *SCATTER, "--blur", 6, "--focus", 0.4, "-q")
+    assert cli(*words, "-o", "wanted.png").code == 0
+    for name in ("photo_bokeh.png", "photo_bokeh_2.png"):
+        before = {path.name: path.read_bytes() for path in folder.iterdir()}
+        assert cli(*words).code == 0
+        after = {path.name: path.read_bytes() for path in folder.iterdir()}
+        assert after.pop(name) == before["wanted.png"]
+        assert after == before
