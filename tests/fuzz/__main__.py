@@ -4,8 +4,10 @@ import argparse
 import contextlib
 import gc
 import importlib
+import os
 import pkgutil
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -52,7 +54,9 @@ def fuzz(minutes: float, seed: int, found: Path | None) -> Counter[str]:
             by_suffix.setdefault(path.suffix, []).append(path)
         _say(f"{len(paths)} seeds: {' '.join(sorted(by_suffix))}")
         number, reported = 0, time.monotonic()
-        while time.monotonic() < end:
+        stopped: list[bool] = []
+        signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))
+        while time.monotonic() < end and not stopped:
             rng = np.random.default_rng([seed, number])
             number += 1
             if rng.random() < 0.05:
@@ -152,4 +156,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    result = main()
+    sys.stdout.flush()
+    os._exit(result)  # without the teardown of the libraries
