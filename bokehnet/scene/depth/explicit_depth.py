@@ -215,7 +215,6 @@ class MetricDepth:
                 f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
                 "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
             )
-        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
 
         unit, numbers = self.unit or "m", stored.numbers
         missing = find_missing_depth(
@@ -224,7 +223,6 @@ class MetricDepth:
         if missing.counts["negative"] > numbers.size / 2:
             raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
-        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
 
         disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
         values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
