@@ -7,6 +7,7 @@ import select
 import signal
 import tempfile
 import traceback
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,6 +83,7 @@ def attempt(
 def _run(task: Callable[[], int], errors: int, max_seconds: float) -> None:
     """Run the task in the child and leave it."""
     code = _UNEXPECTED
+    warnings.simplefilter("ignore", RuntimeWarning)  # as the program does
     try:
         os.setsid()
         nothing = os.open(os.devnull, os.O_RDWR)
