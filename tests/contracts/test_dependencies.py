@@ -13,7 +13,11 @@ requirements = pytest.importorskip("packaging.requirements", reason="needs packa
 yaml = pytest.importorskip("yaml", reason="needs PyYAML, which the extra docs brings")
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-AT_CONDA = {"openimageio": "py-openimageio", "lazy-loader": "lazy_loader"}  # names of conda-forge
+AT_CONDA = {  # names of conda-forge
+    "openimageio": "py-openimageio",
+    "lazy-loader": "lazy_loader",
+    "huggingface-hub": "huggingface_hub",
+}
 
 
 def canonical(name: str) -> str:

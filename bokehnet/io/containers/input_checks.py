@@ -143,13 +143,13 @@ def check_pixel_count(path: Path | str, width: int, height: int, unit: str = "")
 def check_value_count(path: Path | str, count: int) -> None:
     """Raise ``ImageFileError`` if all channels and parts of a small file announce too many numbers.
 
-    ``BOKEHNET_MAX_PIXELS`` in the environment lifts the bound.
+    ``BOKEHNET_MAX_PIXELS`` in the environment lifts the bound if it is above 200 million.
     """
     max_count = _SMALL_FILE_VALUES + _VALUES_PER_BYTE * _size(path)
-    if count > max_count and _max_pixels() is None:
+    if count > max_count and (_max_pixels() or 0) <= _DEFAULT_MAX_PIXELS:
         raise ImageFileError(
             f"{path}: {count} numbers in all channels are more than the limit of {max_count} for a file of "
-            f"this size; if that is right, set {PIXEL_LIMIT_VARIABLE} in the environment"
+            f"this size; if that is right, raise {PIXEL_LIMIT_VARIABLE} in the environment"
         )
 
 
