@@ -122,7 +122,7 @@ def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> 
     if (sequence, run) != (SequenceSettings(), RunSettings()):
         raise ParameterError(
             "sequence.frames",
-            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady "
+            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady, --track "
             "and the options -from and -to need",
             shown="none",
         )
@@ -147,9 +147,10 @@ def _render_sequence(
 ) -> None:
     from bokehnet.cli.commands.models import ensure_model
     from bokehnet.cli.progress import compile_notice
-    from bokehnet.cli.render.frame import context_jobs, frame_jobs
+    from bokehnet.cli.render.frame import context_jobs, frame_jobs, tracked_path
 
-    jobs = frame_jobs(job, sequence)
+    path = tracked_path(job, sequence)
+    jobs = frame_jobs(job, sequence, path)
     ensure_model(job.settings.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
@@ -160,7 +161,7 @@ def _render_sequence(
     with compile_notice(hidden=quiet):
         render_frames(
             jobs,
-            context=context_jobs(job, sequence),
+            context=context_jobs(job, sequence, path),
             processes=run.jobs or 1,
             cluster=cluster,
             overwrite=run.overwrite,
