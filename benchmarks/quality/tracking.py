@@ -1,9 +1,9 @@
 """Error of tracked points on synthetic shots: ``python -m benchmarks.quality.tracking``.
 
 A textured disc moves along a known path before a moving ground, 50 frames of 480x270; a point beside its
-middle is tracked (:mod:`bokehnet.sequence.tracking`). Prints, for each path and noise of the encoded light, the
-largest distance from the true position in pixels and the frame of a loss. With OpenCV installed, also with its
-dense inverse search in place of the package's flow.
+middle is tracked (:mod:`bokehnet.sequence.tracking`). Prints, for each path and noise of the encoded light,
+the largest distance from the true position in pixels and the frame of a loss. With OpenCV installed, also
+with its dense inverse search in place of the package's flow.
 
 Source: Kroeger et al., "Fast optical flow using dense inverse search", ECCV 2016, for OpenCV's flow.
 """
