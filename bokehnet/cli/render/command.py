@@ -29,7 +29,12 @@ bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 
 
 @click.command(cls=SectionedCommand, common=COMMON_OPTIONS, examples=_EXAMPLES)
-@argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video.")
+@argument(
+    "image",
+    type=click.Path(),
+    metavar="IMAGE",
+    help="Picture, all in focus, or video; a folder or a quoted glob for many.",
+)
 @click.option(
     "--output",
     "-o",
@@ -68,13 +73,22 @@ def render(
         RunSettings(**option_values.pop("run", {})),
     )
     resolved = resolved_settings(settings, preset, option_values)
-    target = _output(image, output, sequence)
+    target = Path() if _is_many(image) else _output(image, output, sequence)
     from bokehnet.io.video.frames import is_video  # after parsing, so that --help stays fast
 
     if is_video(image):
         from bokehnet.cli.render.video import render_video
 
         render_video(Path(image), target, resolved, sequence, run, quiet=quiet, as_json=as_json)
+        return
+    if sequence.frames is None and _is_many(image):
+        from bokehnet.cli.render.batch import render_batch
+        from bokehnet.cli.render.summary import SummaryPrinter
+
+        if output is None:
+            raise ParameterError("--output", expected="a folder for many pictures", shown="none")
+        printer = SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
+        render_batch(image, Path(output), resolved, run, printer)
         return
     if run.video_codec is not None:
         raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
@@ -98,6 +112,11 @@ def render(
         _render_single(job, printer, quiet)
     else:
         _render_sequence(job, sequence, run, printer, quiet)
+
+
+def _is_many(image: str) -> bool:
+    """Return whether IMAGE is a folder, or a glob that is no file."""
+    return Path(image).is_dir() or (any(mark in image for mark in "*?[") and not Path(image).exists())
 
 
 def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
