@@ -53,9 +53,9 @@ def render_batch(
     failed: dict[int, str] = {}
     for number, picture in enumerate(pictures):
         try:
-            matched: dict[str, Any] = {
-                name: _matching(picture, files, others[name]) for name, files in found.items()
-            }
+            matched: dict[str, Any] = {}
+            for name, files in found.items():
+                matched[name] = _matching(picture, files, others[name])
             own = replace(settings, input=replace(settings.input, **matched))
             job = FrameJob(image=picture, output=_target(picture, pictures, output), settings=own)
             job.check()

@@ -29,12 +29,7 @@ bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 
 
 @click.command(cls=SectionedCommand, common=COMMON_OPTIONS, examples=_EXAMPLES)
-@argument(
-    "image",
-    type=click.Path(),
-    metavar="IMAGE",
-    help="Picture, all in focus, or video; a folder or a quoted glob for many.",
-)
+@argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video; folder or glob.")
 @click.option(
     "--output",
     "-o",
