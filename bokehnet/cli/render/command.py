@@ -29,7 +29,7 @@ bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 
 
 @click.command(cls=SectionedCommand, common=COMMON_OPTIONS, examples=_EXAMPLES)
-@argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video.")
+@argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video; folder or glob.")
 @click.option(
     "--output",
     "-o",
@@ -69,13 +69,22 @@ def render(
         RunSettings(**option_values.pop("run", {})),
     )
     resolved = resolved_settings(settings, preset, option_values)
-    target = _output(image, output, sequence)
+    target = Path() if _is_many(image) else _output(image, output, sequence)
     from bokehnet.io.video.frames import is_video  # after parsing, so that --help stays fast
 
     if is_video(image):
         from bokehnet.cli.render.video import render_video
 
         render_video(Path(image), target, resolved, sequence, run, quiet=quiet, as_json=as_json)
+        return
+    if sequence.frames is None and _is_many(image):
+        from bokehnet.cli.render.batch import render_batch
+        from bokehnet.cli.render.summary import SummaryPrinter
+
+        if output is None:
+            raise ParameterError("--output", expected="a folder for many pictures", shown="none")
+        printer = SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
+        render_batch(image, Path(output), resolved, run, printer)
         return
     if run.video_codec is not None:
         raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
@@ -104,6 +113,11 @@ def render(
         _render_sequence(job, sequence, run, printer, quiet)
 
 
+def _is_many(image: str) -> bool:
+    """Return whether IMAGE is a folder, or a glob that is no file."""
+    return Path(image).is_dir() or (any(mark in image for mark in "*?[") and not Path(image).exists())
+
+
 def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
     """Return the output file; its default name is free."""
     if output is not None:
@@ -126,7 +140,7 @@ def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> 
     if (sequence, run) != (SequenceSettings(), RunSettings()):
         raise ParameterError(
             "sequence.frames",
-            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady "
+            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady, --track "
             "and the options -from and -to need",
             shown="none",
         )
@@ -151,9 +165,10 @@ def _render_sequence(
 ) -> None:
     from bokehnet.cli.commands.models import ensure_model
     from bokehnet.cli.progress import compile_notice
-    from bokehnet.cli.render.frame import context_jobs, frame_jobs
+    from bokehnet.cli.render.frame import context_jobs, frame_jobs, tracked_path
 
-    jobs = frame_jobs(job, sequence)
+    path = tracked_path(job, sequence)
+    jobs = frame_jobs(job, sequence, path)
     ensure_model(job.settings.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
@@ -164,7 +179,7 @@ def _render_sequence(
     with compile_notice(hidden=quiet):
         render_frames(
             jobs,
-            context=context_jobs(job, sequence),
+            context=context_jobs(job, sequence, path),
             processes=run.jobs or 1,
             cluster=cluster,
             overwrite=run.overwrite,

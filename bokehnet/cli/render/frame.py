@@ -7,6 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+import numpy.typing as npt
+
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job
 from bokehnet.cli.render.large_blur import large_blur_notice, largest_set_blur
@@ -15,7 +18,9 @@ from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.engine_registry import DEFAULT_ENGINE
 from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
+from bokehnet.io.image import read_image
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
@@ -27,9 +32,20 @@ from bokehnet.sequence.frame_names import existing_frames, frame_path, is_patter
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
 from bokehnet.sequence.shot import Shot, frames_of_shot, probe_frames
 from bokehnet.sequence.temporal_filter import REACH_FRAMES
+from bokehnet.sequence.tracking import TrackedPoint, track_through
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["FrameJob", "context_jobs", "frame_jobs", "make_renderer", "render_frame", "render_one"]
+__all__ = [
+    "FrameJob",
+    "check_track",
+    "context_jobs",
+    "frame_jobs",
+    "make_renderer",
+    "render_frame",
+    "render_one",
+    "tracked_path",
+    "write_track_notice",
+]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,12 +78,15 @@ class FrameJob:
         check_job(self.image, self.output, self.settings)
 
 
-def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
+def frame_jobs(
+    job: FrameJob, sequence: SequenceSettings, path: Sequence[TrackedPoint] = ()
+) -> dict[int, FrameJob]:
     """Return the job of each frame.
 
     Args:
         job: Job for all frames; its paths may have a placeholder for the frame number.
         sequence: Frame numbers, and settings that change over them.
+        path: Positions of the tracked thing, see :func:`tracked_path`.
 
     Raises:
         ParameterError: All results would go to one file, or overwrite an input.
@@ -80,7 +99,7 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             expected="a name with a placeholder for the frame, such as out.####.png",
             shown=str(job.output),
         )
-    jobs = _jobs_of(job, sequence, frames)
+    jobs = _jobs_of(job, sequence, frames, path)
     inputs = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
     for one in jobs.values():
         if one.output in inputs:
@@ -94,7 +113,9 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
     return jobs
 
 
-def context_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
+def context_jobs(
+    job: FrameJob, sequence: SequenceSettings, path: Sequence[TrackedPoint] = ()
+) -> dict[int, FrameJob]:
     """Return the jobs of the existing frames that :func:`decided_jobs` reads in addition to those to render.
 
     These are the frames within reach of the temporal filter, and those that decide about the repair of the
@@ -108,16 +129,70 @@ def context_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJo
     probes = set(probe_frames(shot)) if shot else set()
     near = {number + offset for number in selected for offset in range(-REACH_FRAMES, REACH_FRAMES + 1)}
     frames = [number for number in shot if number in near or number in probes]
-    jobs = _jobs_of(job, sequence, frames)
+    jobs = _jobs_of(job, sequence, frames, path)
     return {number: replace(one, is_probe=number in probes) for number, one in jobs.items()}
 
 
-def _jobs_of(job: FrameJob, sequence: SequenceSettings, frames: Sequence[int]) -> dict[int, FrameJob]:
+def tracked_path(job: FrameJob, sequence: SequenceSettings) -> list[TrackedPoint]:
+    """Return the positions of the thing to follow in the frames of ``sequence``; empty without one.
+
+    Reads the pictures of all existing frames from the one in which the position is known. Writes a notice
+    to stderr if the thing is lost.
+
+    Raises:
+        ParameterError: The position is no pixel of that frame, or the frame does not exist.
+        BokehnetError: A picture cannot be read.
+    """
+    frames = sequence.frames or ()
+    if sequence.track is None or not frames:
+        return []
+    x, y, start = (*sequence.track, frames[0])[:3]
+    first, last = min(start, frames[0]), max(start, frames[-1])
+    existing = existing_frames(job.image) if is_pattern(job.image) else range(first, last + 1)
+    numbers = [number for number in sorted(existing) if first <= number <= last]
+
+    def read(number: int) -> npt.NDArray[np.float32]:
+        light = read_image(frame_path(job.image, number))
+        return np.asarray(linear_to_srgb(np.clip(light, 0, 1)), np.float32)
+
+    if start not in numbers:
+        raise ParameterError("sequence.track", expected="a frame that exists", shown=f"frame {start}")
+    check_track(x, y, *read(start).shape[1::-1])
+    path = track_through(read, numbers, x, y, start)
+    write_track_notice(path, start)
+    return path
+
+
+def check_track(x: int, y: int, width: int, height: int) -> None:
+    """Raise unless a pixel lies inside the picture."""
+    if not (x < width and y < height):
+        raise ParameterError(
+            "sequence.track", expected=f"a pixel inside the picture of {width}x{height}", shown=f"{x},{y}"
+        )
+
+
+def write_track_notice(path: Sequence[TrackedPoint], start: int) -> None:
+    """Write a line to stderr for each side of ``start`` on which the thing is lost."""
+    for side in (
+        [point for point in path if point.number >= start],
+        [point for point in reversed(path) if point.number <= start],
+    ):
+        lost = next((point for point in side if point.is_lost), None)
+        if lost is not None:
+            write_above(
+                f"bokehnet: note: --track loses the thing in frame {lost.number}; from there the focus stays "
+                f"on the pixel {lost.x:.0f},{lost.y:.0f}"
+            )
+
+
+def _jobs_of(
+    job: FrameJob, sequence: SequenceSettings, frames: Sequence[int], path: Sequence[TrackedPoint]
+) -> dict[int, FrameJob]:
     base = job.settings
     if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
         base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
-    pull = make_pull(sequence.frames or (), sequence, metric=metric)
+    pull = make_pull(sequence.frames or (), sequence, metric=metric, path=path)
     maps = base.output.save_maps
     jobs = {}
     for frame in frames:

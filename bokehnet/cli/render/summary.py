@@ -141,6 +141,27 @@ class SummaryPrinter:
             assumed = "".join(f", {words}" for words in reading)
             _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")
 
+    def print_batch(
+        self, done: Mapping[str, FrameSummary], *, existing: int, failed: Mapping[str, str], seconds: float
+    ) -> None:
+        """Print the summary of many pictures, and a line for each failure, also if ``quiet``.
+
+        Args:
+            done: Summaries of the rendered pictures by file.
+            existing: Number of pictures whose results existed before.
+            failed: Error messages of the failed pictures by file.
+            seconds: Total time.
+        """
+        if self.as_json:
+            pictures = {name: summary.table() for name, summary in done.items()}
+            table = {"pictures": pictures, "there": existing, "failed": dict(failed)}
+            _print_json(table | {"seconds": round(seconds, 3)})
+        elif not self.quiet:
+            skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
+            _print_line(f"{_count(len(done), 'picture')} rendered{skipped}, {seconds:.1f} s")
+        for name, message in failed.items():
+            _print_line(f"failed: {name}: {with_option_names(message)}")
+
     def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Print the summary of a frame if ``verbose``, and the notes of the first frame."""
         if first and not self.quiet and not self.as_json:
@@ -158,8 +179,8 @@ def _print_json(table: dict[str, Any]) -> None:
     click.echo(json.dumps(table, allow_nan=False))
 
 
-def _count(frames: int) -> str:
-    return f"{frames} frame{'' if frames == 1 else 's'}"
+def _count(number: int, noun: str = "frame") -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _peak_memory() -> str:

@@ -6,15 +6,19 @@ from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+
 from bokehnet.cli.commands.models import ensure_model
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import compile_notice, stages
-from bokehnet.cli.render.frame import make_renderer
+from bokehnet.cli.render.frame import check_track, make_renderer, write_track_notice
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
-from bokehnet.io.video.frames import choose_codec, video_info
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.io.video.frames import choose_codec, read_video, video_info
 from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.sequence.sequence import SequenceSettings, make_pull
+from bokehnet.sequence.tracking import TrackedPoint, track_point
 from bokehnet.sequence.video import VideoJob
 from bokehnet.settings.settings import RenderSettings
 
@@ -42,13 +46,24 @@ def render_video(
                 name, expected="no such option for a video, which is rendered whole", shown="one"
             )
     begun, info = perf_counter(), video_info(video)
+    path: list[TrackedPoint] = []
+    if sequence.track is not None:
+        x, y, start = (*sequence.track, 1)[:3]
+        if start != 1:
+            raise ParameterError(
+                "--track", expected="a pixel of a video's first frame", shown=f"frame {start}"
+            )
+        check_track(x, y, info.width, info.height)
+        encoded = (linear_to_srgb(np.clip(light, 0, 1)) for light in read_video(info))
+        path = list(track_point(enumerate(encoded, 1), x, y))
+        write_track_notice(path, 1)
     metric = gives_metric_depth(settings, blur_pulled=sequence.blur_from is not None)
     job = VideoJob(
         info=info,
         output=output,
         settings=settings,
         codec=choose_codec(output, info, run.video_codec),
-        pull=make_pull(range(1, len(info.times) + 1), sequence, metric=metric),
+        pull=make_pull(range(1, len(info.times) + 1), sequence, metric=metric, path=path),
         steady=run.steady == "on",
     )
     job.check()

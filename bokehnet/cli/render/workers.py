@@ -28,7 +28,7 @@ from bokehnet.sequence.frame_names import format_frames
 from bokehnet.sequence.shot import Shot
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
+__all__ = ["available_cores", "render_frames", "render_here", "render_in_processes", "try_frame"]
 
 # Frames on completion, each with its summary or its error message.
 Outcomes = Generator[tuple[int, FrameSummary | str], None, None]
@@ -90,7 +90,7 @@ def render_frames(
                 remaining, settings, min(processes, len(remaining)), quiet=printer.quiet
             )
         else:
-            outcomes = _render_in_process(remaining, renderer)
+            outcomes = render_here(remaining, renderer)
         with progress("rendering frames", hidden=printer.quiet) as report, closing(outcomes):
             report(0, len(remaining))
             for count, (frame, outcome) in enumerate(outcomes, start=1):
@@ -110,9 +110,10 @@ def render_frames(
         )
 
 
-def _render_in_process(
+def render_here(
     jobs: Mapping[int, FrameJob], renderer: BokehRenderer
 ) -> Generator[tuple[int, FrameSummary | str], None, None]:
+    """Render ``jobs`` in this process and yield each with its summary or its error message."""
     for frame, job in jobs.items():
         yield frame, try_frame(job, renderer)
 

@@ -111,3 +111,22 @@ def test_what_a_codec_cannot_keep_is_refused_by_name(tmp_path):
 def test_a_still_video_has_no_transformation(tmp_path):
     write(tmp_path / "clip.mkv")
     assert video_info(tmp_path / "clip.mkv").display == IDENTITY
+
+
+def test_pictures_before_an_edit_list_are_left_out_and_a_late_start_is_kept(tmp_path):
+    """Authority: FFmpeg's decoder, which drops the three pictures before time zero; the shift of the times."""
+    write(tmp_path / "whole.mp4", codec="libx264", pixels="yuv420p", frames=12)
+    write(tmp_path / "late.mkv", frames=3, start=120)
+    with (
+        av.open(str(tmp_path / "whole.mp4")) as source,
+        av.open(str(tmp_path / "cut.mp4"), "w", options={"avoid_negative_ts": "disabled"}) as target,
+    ):
+        stream = target.add_stream_from_template(source.streams.video[0])
+        shift = int(Fraction(3, 24) / source.streams.video[0].time_base)
+        for packet in source.demux(video=0):
+            if packet.size:
+                packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, stream
+                target.mux(packet)
+    info, late = video_info(tmp_path / "cut.mp4"), video_info(tmp_path / "late.mkv")
+    assert (len(info.times), len(list(read_video(info))), info.times[0]) == (9, 9, 0)
+    assert late.times[0] * late.time_base == 5
