@@ -122,7 +122,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
                 image=image,
                 alpha=alpha,
                 camera=camera,
-                window=Window.whole(width, height),
+                window=replace(Window.whole(width, height), pixel_aspect=picture.part.window.pixel_aspect),
                 space=space,
                 bits=_stored_bits(file, picture),
                 metadata=metadata,

@@ -34,7 +34,8 @@ class ImageInfo:
     applied (1: none). ``color_space`` is ``"linear"``, or the space that decodes the file: ``"sRGB"``, or
     the name in its colour profile; it is empty if the profile is damaged or its kind is unsupported, and
     ``refusal`` gives the reason why such a file cannot be read as a picture. ``channels`` and ``ranges``
-    cover all parts; ``ranges`` holds depth-like channels only.
+    cover all parts; ``ranges`` holds depth-like channels only. ``pixel_aspect`` is width over height
+    of a displayed pixel.
     """
 
     width: int
@@ -47,6 +48,7 @@ class ImageInfo:
     orientation: int
     parts: int
     ranges: dict[str, ChannelRange]
+    pixel_aspect: float = 1.0
 
 
 def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
@@ -88,6 +90,7 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             orientation=first.orientation,
             parts=len(file.parts),
             ranges=ranges,
+            pixel_aspect=first.window.pixel_aspect,
         )
 
 

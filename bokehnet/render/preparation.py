@@ -12,6 +12,7 @@ from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
+from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_nothing_to_focus, focus_lens
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
@@ -24,7 +25,7 @@ from bokehnet.scene.scene import (
     is_repaired,
     map_at_picture_size,
 )
-from bokehnet.settings.settings import RenderSettings
+from bokehnet.settings.settings import InputSettings, RenderSettings
 
 __all__ = ["prepare"]
 
@@ -62,6 +63,18 @@ def prepare(
     original, scene = scene, at_rendered_size(scene)
     check_repair_allowed(scene, settings.depth)
     values = map_at_picture_size(scene, settings.depth)
+    layout = _words_of_layout(settings.input)
+    bars = None if layout else _bars_of(scene)
+    if bars is not None:
+        values = bars.inside(values)
+        scene = replace(
+            scene,
+            image=bars.inside(scene.image),
+            alpha=None if scene.alpha is None else bars.inside(scene.alpha),
+            depth=replace(scene.depth, values=values),
+            window=bars.window_inside(scene.window),
+        )
+        original = scene
     ends = float(values.min()), float(values.max())
     lens, repaired, reason, notes, repair = None, None, "", scene.notes, None
     if scene.depth.kind == "defocus":
@@ -84,6 +97,8 @@ def prepare(
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
+        if settings.input.stereo == "side-by-side" and scene.depth.kind == "metric":
+            values = values / np.float32(2)  # half of the picture spans the sensor
         notes += unexpected_blur(scene.depth, ends, lens, values)
     choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image
@@ -107,5 +122,32 @@ def prepare(
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
-        reading=scene.depth.reading,
+        reading=(*scene.depth.reading, *_pixel_shape(scene.window.pixel_aspect), *_words_of(bars), *layout),
+        bars=bars,
     )
+
+
+def _pixel_shape(aspect: float) -> tuple[str, ...]:
+    """Return words for the summary about pixels that are not square."""
+    return () if aspect == 1 else (f"pixels {aspect:.3g} times as wide as high",)
+
+
+def _bars_of(scene: Scene) -> BlackBars | None:
+    """Return the black bars of a picture without further information about its edges."""
+    is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
+    return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
+
+
+def _words_of(bars: BlackBars | None) -> tuple[str, ...]:
+    """Return words for the summary about black bars."""
+    if bars is None:
+        return ()
+    names = ("top", "bottom", "left", "right")
+    widths = ", ".join(f"{name} {width}" for name in names if (width := getattr(bars, name)))
+    return (f"black bars kept ({widths} px)",)
+
+
+def _words_of_layout(settings: InputSettings) -> tuple[str, ...]:
+    """Return words for the summary about the layout of the picture."""
+    projection = () if settings.projection == "flat" else (f"projection {settings.projection}",)
+    return projection if settings.stereo is None else (*projection, f"stereo {settings.stereo}")

@@ -22,6 +22,7 @@ from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
 from bokehnet.render.deprecated_arrays import accepts_arrays
 from bokehnet.render.exposure import Optics, expose, tilt_parameter
+from bokehnet.render.layouts import expose_layout
 from bokehnet.render.look import (
     make_aperture,
     make_effects,
@@ -187,6 +188,8 @@ class BokehRenderer:
         check_engine(settings, name)  # settings may differ from those of `prepare`
         engine = self._engine(name, weights, device)
         watch = cancellable(progress, cancel)
+        if settings.input.projection != "flat" or settings.input.stereo is not None:
+            return expose_layout(scene, settings, engine, self._look(settings), watch)
         return expose(scene, settings, engine, self._look(settings), watch, overwrite)
 
     def render_arrays(

@@ -21,6 +21,7 @@ from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress, part_of
+from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.depth.depth_source import (
     DepthMap,
     DepthSource,
@@ -113,6 +114,7 @@ class FocusedScene:
             pixels of these arrays.
         layers: Successive surfaces with their blur radii, where they are known.
         reading: Assumptions about the map for the summary, a few words each.
+        bars: Black bars around these arrays in the picture; None without bars.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -140,6 +142,7 @@ class FocusedScene:
     supersampled: int = 1
     layers: Layers | None = None
     reading: tuple[str, ...] = ()
+    bars: BlackBars | None = None
 
 
 def make_scene(

@@ -32,6 +32,8 @@ def info(
         "channels": f"{' '.join(description.channels)} ({description.pixel_type}){parts}",
         "read as": decoded,
     }
+    if description.pixel_aspect != 1:
+        rows["pixels"] = f"{description.pixel_aspect:.4g} times as wide as high"
     for name, values in description.ranges.items():
         non_finite = [
             f"{count} {kind}" for count, kind in ((values.infinite, "infinite"), (values.nan, "NaN")) if count
