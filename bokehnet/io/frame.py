@@ -137,6 +137,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
+            space=space,
             renderer=renderer_of(attributes),
             path=file.path,
             choices=selection_notes(file, picture),
