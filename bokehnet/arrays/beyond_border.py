@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float32]
 _COMPARED_PX = 9
 
 # Ratio of the light of the border pixel to that median, up to which it is repeated and from which on the
-# pixels are mirrored: of lamps, and in the median over a side, or its inverse, of lines. Light below the floor
-# counts as equal.
+# pixels are mirrored: of lamps, and in the median over a side, or its inverse, of lines. Light below the
+# floor counts as equal.
 _LAMP_RATIOS, _LINE_RATIOS, _FLOOR = (3.0, 4.0), (1.6, 2.0), 0.02
 
 

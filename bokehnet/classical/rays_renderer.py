@@ -191,9 +191,9 @@ def scatter_beyond(
 ) -> np.ndarray:
     """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
 
-    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself, so
-    such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are omitted
-    so that blocks align with those of the whole picture.
+    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself,
+    so such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are
+    omitted so that blocks align with those of the whole picture.
 
     Args:
         image: Scene-linear picture, (H, W, 3) float32.

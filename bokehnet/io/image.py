@@ -51,7 +51,7 @@ def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -
     metadata of the file, otherwise from sRGB; colours outside Rec.709 have negative values. EXR, HDR, PFM and
     floating-point TIFF without a profile are linear already. EXIF orientation is applied. Grey becomes three
     equal channels. EXR provides its channels R, G, B, bare or under a layer name, otherwise Y; others are
-    ignored. The data window of an EXR is read, with overscan; its chromaticities are ignored.
+    ignored. The data window of an EXR is read, with overscan; its chromaticities are the primaries.
 
     Alpha is dropped by compositing over black, in linear light: straight colours (PNG, WebP) are
     multiplied by alpha, premultiplied ones (EXR) are the light itself and remain unchanged.

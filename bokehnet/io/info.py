@@ -38,7 +38,8 @@ class ImageInfo:
     the name in its colour profile; it is empty if the profile is damaged or its kind is unsupported, and
     ``refusal`` gives the reason why such a file cannot be read as a picture. ``channels`` and ``ranges``
     cover all parts; ``ranges`` holds depth-like channels only. ``depth_map`` and ``gain_map`` describe the
-    maps that phones store beside the picture; both are empty if there are none.
+    maps that phones store beside the picture; both are empty if there are none. ``pixel_aspect`` is width
+    over height of a displayed pixel.
     """
 
     width: int
@@ -53,6 +54,7 @@ class ImageInfo:
     ranges: dict[str, ChannelRange]
     depth_map: str = ""
     gain_map: str = ""
+    pixel_aspect: float = 1.0
 
 
 def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
@@ -99,6 +101,7 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             ranges=ranges,
             depth_map=_depth_map(file.path) if file.file_format == "jpeg" else "",
             gain_map=gain_map_kind(file.path) if file.file_format == "jpeg" else "",
+            pixel_aspect=first.window.pixel_aspect,
         )
 
 

@@ -4,7 +4,7 @@ A file has one part, except for multi-part EXR. Formats are recognised by conten
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -38,6 +38,9 @@ _LINEAR_FORMATS = ("openexr", "hdr", "pfm")
 _FLOAT_TYPES = ("half", "float", "double")
 
 _TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
+
+# Aspect ratios of pixels beyond this or its inverse are faults, and within the tolerance of 1 rounding.
+_MIN_PIXEL_ASPECT, _SQUARE_TOLERANCE = 0.25, 0.01
 
 # Rows per band, a multiple of the rows per chunk; fewer where rows are long, except with DWAB (256 rows).
 _DEEP_SAMPLE_BYTES = 60  # memory of a deep sample while it is read
@@ -314,6 +317,7 @@ class ImageFile:
                 display_width=spec.full_width,
                 display_height=spec.full_height,
             )
+        window = replace(window, pixel_aspect=self._pixel_aspect(spec))
         return Part(
             index=index,
             name=spec.get_string_attribute("oiio:subimagename") if exr else "",
@@ -328,6 +332,21 @@ class ImageFile:
             window=window,
             deep=bool(spec.deep),
         )
+
+    def _pixel_aspect(self, spec: Any) -> float:
+        """Return width over height of a pixel by the header of EXR and TIFF; 1 if absent or implausible.
+
+        Source: OpenEXR, "Standard Attributes", pixelAspectRatio; TIFF 6.0, XResolution and YResolution.
+        """
+        aspect = 1.0
+        if self.file_format == "openexr":
+            aspect = float(spec.get_float_attribute("PixelAspectRatio", 1.0))
+        elif self.file_format == "tiff":
+            across, down = (float(spec.get_float_attribute(f"{axis}Resolution", 0.0)) for axis in "XY")
+            aspect = down / across if across > 0 and down > 0 else 1.0
+        if not _MIN_PIXEL_ASPECT <= aspect <= 1 / _MIN_PIXEL_ASPECT or abs(aspect - 1) < _SQUARE_TOLERANCE:
+            return 1.0
+        return 1 / aspect if spec.get_int_attribute("Orientation", 1) in _TRANSPOSED else aspect
 
 
 def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.picture_cache import PictureCache, array_digest
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
+from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
 from bokehnet.scene.focus_checks import check_nothing_to_focus
@@ -32,7 +33,7 @@ from bokehnet.scene.scene import (
     map_at_picture_size,
 )
 from bokehnet.scene.subject import Subject, find_subject
-from bokehnet.settings.settings import FocusSettings, RenderSettings
+from bokehnet.settings.settings import FocusSettings, InputSettings, RenderSettings
 
 __all__ = ["prepare"]
 
@@ -69,6 +70,7 @@ class _Picture:
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         subject: Function that returns the subject.
         light: Picture with the clipped light recovered.
+        bars: Black bars around these arrays; None without bars.
     """
 
     original: Scene
@@ -78,6 +80,7 @@ class _Picture:
     pixel_filter: FilterChoice | None
     subject: Callable[[], Subject]
     light: RecoveredLight
+    bars: BlackBars | None = None
 
 
 def prepare(
@@ -138,6 +141,15 @@ def _prepare_picture(
     if scene.depth.kind != "defocus":  # before the slow repair
         fine = settings_in_fine_pixels(settings, scene.supersampled)
         check_lens(scene.depth, scene.window, fine.focus, fine.camera)
+    bars = None if _words_of_layout(settings.input) else _bars_of(scene)
+    if bars is not None:
+        original = scene = replace(
+            scene,
+            image=bars.inside(scene.image),
+            alpha=None if scene.alpha is None else bars.inside(scene.alpha),
+            depth=replace(scene.depth, values=bars.inside(map_at_picture_size(scene, settings.depth))),
+            window=bars.window_inside(scene.window),
+        )
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     if cache is None or cache.max_bytes == 0 or plan is not None:
@@ -177,6 +189,7 @@ def _prepare_picture(
             lambda subject: subject.mask,
         ),
         light=light,
+        bars=bars,
     )
 
 
@@ -215,6 +228,8 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
             lens = replace(lens, assumptions=(focus, *lens.assumptions))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
+        if settings.input.stereo == "side-by-side" and scene.depth.kind == "metric":
+            values = values / np.float32(2)  # half of the picture spans the sensor
         notes += unexpected_blur(scene.depth, picture.map.ends, lens, values)
     image, choice = picture.light.image, picture.pixel_filter
     if original.supersampled > scene.supersampled:
@@ -237,7 +252,13 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
-        reading=scene.depth.reading,
+        reading=(
+            *scene.depth.reading,
+            *_pixel_shape(scene.window.pixel_aspect),
+            *_words_of(picture.bars),
+            *_words_of_layout(settings.input),
+        ),
+        bars=picture.bars,
         light=picture.light.note,
     )
 
@@ -263,3 +284,29 @@ def _focus_again(picture: _Picture, settings: RenderSettings, **changes: Any) ->
     tilts = {"tilt_x": settings.focus.tilt_x, "tilt_y": settings.focus.tilt_y}
     settings = replace(settings, focus=FocusSettings(**tilts | changes))
     return replace(_focus_picture(picture, settings), focus_again=partial(_focus_again, picture, settings))
+
+
+def _pixel_shape(aspect: float) -> tuple[str, ...]:
+    """Return words for the summary about pixels that are not square."""
+    return () if aspect == 1 else (f"pixels {aspect:.3g} times as wide as high",)
+
+
+def _bars_of(scene: Scene) -> BlackBars | None:
+    """Return the black bars of a picture without further information about its edges."""
+    is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
+    return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
+
+
+def _words_of(bars: BlackBars | None) -> tuple[str, ...]:
+    """Return words for the summary about black bars."""
+    if bars is None:
+        return ()
+    names = ("top", "bottom", "left", "right")
+    widths = ", ".join(f"{name} {width}" for name in names if (width := getattr(bars, name)))
+    return (f"black bars kept ({widths} px)",)
+
+
+def _words_of_layout(settings: InputSettings) -> tuple[str, ...]:
+    """Return words for the summary about the layout of the picture."""
+    projection = () if settings.projection == "flat" else (f"projection {settings.projection}",)
+    return projection if settings.stereo is None else (*projection, f"stereo {settings.stereo}")

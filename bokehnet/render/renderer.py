@@ -22,6 +22,7 @@ from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
 from bokehnet.render.deprecated_arrays import accepts_arrays
 from bokehnet.render.exposure import Optics, expose, tilt_parameter
+from bokehnet.render.layouts import expose_layout
 from bokehnet.render.look import (
     make_aperture,
     make_effects,
@@ -210,10 +211,12 @@ class BokehRenderer:
         check_engine(settings, name)  # settings may differ from those of `prepare`
         engine = self._engine(name, weights, device)
         watch = cancellable(progress, cancel)
+        optics = self._look(settings)
+        if settings.input.projection != "flat" or settings.input.stereo is not None:
+            return expose_layout(scene, settings, engine, optics, watch)
         if settings.engine.max_memory is not None:
             self._pictures.trim(settings.engine.max_memory // _CACHE_FRACTION)
-        optics, cached = self._look(settings), self._pictures.nbytes
-        return expose(scene, settings, engine, optics, watch, overwrite, cached)
+        return expose(scene, settings, engine, optics, watch, overwrite, self._pictures.nbytes)
 
     def render_arrays(
         self,

@@ -149,6 +149,8 @@ class FocusedLens:
             else:
                 pitch = self.camera.sensor_width / self.window.display_width
                 defocus = defocus_map(disparity, _thin_lens(self.camera, focus), pitch)
+                if self.window.pixel_aspect > 1:  # the longer axis of the disc, here down, has the radius
+                    defocus = defocus * np.float32(self.window.pixel_aspect)
             if any(self.tilt_gradient):
                 corner = (self.window.x, self.window.y)
                 plane = self._misalignment_plane

@@ -23,6 +23,7 @@ from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress, part_of
+from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.depth.depth_source import (
     DepthMap,
     DepthSource,
@@ -118,6 +119,7 @@ class FocusedScene:
         focus_again: Function that :meth:`refocus` calls; None if the picture was not kept.
         reading: Assumptions about the map for the summary, a few words each.
         light: Recovered light for the summary, a few words; empty if none was recovered.
+        bars: Black bars around these arrays in the picture; None without bars.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -145,6 +147,7 @@ class FocusedScene:
     supersampled: int = 1
     layers: Layers | None = None
     reading: tuple[str, ...] = ()
+    bars: BlackBars | None = None
     light: str = ""
     focus_again: Callable[..., "FocusedScene"] | None = field(default=None, repr=False)
 

@@ -162,10 +162,25 @@ class InputSettings(Group):
         expected="1, 2 or 4",
         accepts=lambda factor: factor in (1, 2, 4),
     )
+    projection: Literal["flat", "equirect"] = setting(
+        "flat",
+        "Projection of the picture: flat (default), or equirect, a panorama of 360 x 180 degrees, whose blur "
+        "crosses the seam and widens towards the poles.",
+    )
+    stereo: Literal["side-by-side", "top-bottom"] | None = setting(
+        None, "Layout of a stereo pair: side-by-side or top-bottom. Each eye is rendered alone."
+    )
 
     def check(self) -> None:
         """See :class:`Group`."""
         check_needed(self, "depth_convention", "depth_model")
+        if self.stereo is not None and self.projection != "flat":
+            raise ParameterError(
+                "input.stereo",
+                expected="`input.projection` flat with it",
+                shown="both",
+                remedy="leave one out",
+            )
         if self.channel is not None and not (self.disparity or self.depth or self.defocus):
             raise ParameterError(
                 "input.channel",

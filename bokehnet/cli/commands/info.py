@@ -33,6 +33,8 @@ def info(
         "channels": f"{' '.join(description.channels)} ({description.pixel_type}){parts}",
         "read as": decoded,
     }
+    if description.pixel_aspect != 1:
+        rows["pixels"] = f"{description.pixel_aspect:.4g} times as wide as high"
     for name, text in (("depth map", description.depth_map), ("gain map", description.gain_map)):
         if text:
             rows[name] = text

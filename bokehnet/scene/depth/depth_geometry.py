@@ -33,7 +33,7 @@ def planar_factor(
     pitch = sensor_width / window.display_width
     rows = window.y + (np.arange(size[0]) + 0.5) * window.height / size[0] - window.display_height / 2
     columns = window.x + (np.arange(size[1]) + 0.5) * window.width / size[1] - window.display_width / 2
-    squares = (pitch * rows[:, None]) ** 2 + (pitch * columns[None]) ** 2
+    squares = (pitch / window.pixel_aspect * rows[:, None]) ** 2 + (pitch * columns[None]) ** 2
     factor: npt.NDArray[np.float64] = focal_length / np.sqrt(focal_length**2 + squares)
     return factor
 

@@ -204,6 +204,8 @@ VALID = [
         "color": {"axial": 1, "equaliser": "gains.txt"},
         "engine": {"name": "rays"},
     },
+    {"input": {"disparity": "a.png", "projection": "equirect"}},
+    {"input": {"disparity": "a.png", "stereo": "top-bottom"}},
     {"input": {"depth": "a.png"}, "depth": {"near": math.inf, "far": 0.1, "kind": "zbuffer"}},
     {"input": {"defocus": "a.exr"}, "highlights": {"strength": 0.5}},
     {"input": {"layers": "a.exr"}},
@@ -513,6 +515,8 @@ def test_choices_are_those_of_the_rooms_below():
     assert choices == {
         "depth.kind": {"planar", "ray", "zbuffer"},
         "depth.holes": {"fill", "error"},
+        "input.projection": {"flat", "equirect"},
+        "input.stereo": {"side-by-side", "top-bottom"},
         "light.ghosts": set(COATINGS),
         "depth.mixed": set(REPAIR_MODES),
         "depth.repair": set(REPAIR_MODES),
