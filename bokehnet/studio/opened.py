@@ -34,7 +34,7 @@ from bokehnet.settings.settings import (
 )
 from bokehnet.studio.strokes import Stroke, painted
 
-__all__ = ["ExtraLight", "Opened", "Region", "extra_light", "open_picture", "repaired_map"]
+__all__ = ["FLAT_DISPARITY", "ExtraLight", "Opened", "Region", "extra_light", "open_picture", "repaired_map"]
 
 Array = NDArray[np.float32]
 
@@ -50,7 +50,8 @@ _EXPORT_SUFFIXES = {
     **dict.fromkeys((".hdr", ".pfm"), ".exr"),
 }
 
-_FLAT_DISPARITY = 0.5  # relative disparity of a picture without depth
+FLAT_DISPARITY = 0.5
+"""Relative disparity of a picture without depth."""
 _DEFAULT_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
 
 
@@ -93,7 +94,7 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
     except BokehnetError:  # no depth; any other error is raised again below
         if any(getattr(settings.input, name) is not None for name in InputSettings.ONE_OF):
             raise
-        flat = InputSettings(constant_disparity=_FLAT_DISPARITY)
+        flat = InputSettings(constant_disparity=FLAT_DISPARITY)
         settings = replace(settings, input=flat, camera=CameraSettings(blur=settings.camera.blur))
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
     if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:

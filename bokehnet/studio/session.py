@@ -21,7 +21,7 @@ from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
 from bokehnet.studio.files.archive import read_session, write_session
 from bokehnet.studio.files.uploads import safe_name
-from bokehnet.studio.opened import Opened, extra_light, open_picture, repaired_map
+from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
 from bokehnet.studio.strokes import Stroke
@@ -397,7 +397,8 @@ class Session:
             "width": opened.size[0],
             "height": opened.size[1],
             "kind": opened.scene.depth.kind,
-            "flat": self.settings.input.constant_disparity is not None,
+            "flat": self.settings.input.constant_disparity == FLAT_DISPARITY,
+            "photograph": opened.has_clipped_light,
             "notes": [self._clean(note) for note in (*opened.scene.notes, *opened.scene.depth.notes)],
             "repaired": opened.repaired,
             "repair_reason": opened.repair_reason,
