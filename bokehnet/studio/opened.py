@@ -135,6 +135,8 @@ def _subject_focus(focus: FocusSettings, scene: Scene, subject: Subject) -> dict
             "at": [x * side // stored // scene.supersampled for x, side, stored in position],
         }
     ends = [subject.far, subject.near]
+    if ends[0] == ends[1] and scene.depth.kind == "relative":
+        return {"value": ends[0], "range": None}
     if scene.depth.kind == "metric":
         return {"range": [float(f"{1 / (1000 * end):.4g}") for end in reversed(ends) if end > 0]}
     return {"range": [round(min(max(end, 0.0), 1.0), 4) for end in ends]}

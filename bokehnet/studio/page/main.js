@@ -5,7 +5,7 @@ import { makeBanner, showBanner, showEstimate } from "./banner.js";
 import { contextOf, draw, histogram, mark, painted, resize } from "./canvas.js";
 import { focusEnds } from "./focus.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
-import { makeQuick, shifted, showLightNote, showQuick } from "./quick.js";
+import { makeQuick, sharpWords, shifted, showLightNote, showQuick } from "./quick.js";
 import { clearPresets, refreshPresets, selectPreset, showPresets, stopPresets } from "./presets.js";
 import { ringByTouch } from "./touch.js";
 import { makeView } from "./view.js";
@@ -108,12 +108,12 @@ function showFacts(header) {
   now.facts = header;
   showQuick(now.state, header);
   const stop = now.state.kind === "metric" ? valueOf(now.state.settings, "camera.f_number") : header.equivalents?.f_number;
-  const where = header.focus_distance ? `${header.focus_distance.toPrecision(3)} m` : header.focus_disparity?.toFixed(3);
   const across = 2 * header.largest_blur * scale(), percent = (100 * across) / now.state.width;
   const words = [
-    stop && `f/${Number(stop.toPrecision(2))}`, where && `focus at ${where}`,
+    stop && `f/${Number(stop.toPrecision(2))}`, `sharp ${sharpWords()}`,
     `lights blur into discs of up to ${Math.round(across)} pixels, ${percent.toFixed(1)} % of the width`, `engine ${header.engine}`,
   ];
+  if (now.missing) words.splice(0, words.length, "no depth, no blur");
   showMessage(words.filter(Boolean).concat(now.state.notes, header.notes ?? []).join(" · "), "status");
   document.body.dataset.stage = header.stage;
 }

@@ -58,7 +58,7 @@ export function makeQuick(place, state, change, showLight) {
 function makeLens(place, state, change) {
   const relative = state.kind !== "metric";
   const initial = () => ({ camera: { blur: null, strength: null, f_number: null, ...latest.state.initial?.camera } });
-  const stops = slider({ id: "f-number", min: 0, max: 10, step: 0.05 }, (event) => {
+  const stops = slider({ id: "f-number", min: -2, max: 10, step: 0.05 }, (event) => {
     const f_number = Number((2 ** (event.target.value / 2)).toPrecision(3));
     change({ camera: relative ? { f_number, blur: null, strength: null } : { f_number } }, event);
   });
@@ -107,6 +107,13 @@ const isMetric = () => latest.state.kind === "metric";
 const fromSlider = (value) => (isMetric() ? 10 ** value / 1000 : value);
 const toSlider = (disparity) => (isMetric() ? Math.log10(Math.max(1000 * disparity, 1e-3)) : disparity);
 const words = (disparity) => (isMetric() ? `${(1 / (1000 * disparity)).toPrecision(3)} m` : disparity.toFixed(3));
+
+/** Return where the picture is sharp, in words. */
+export function sharpWords() {
+  const ends = focusEnds(latest.state, latest.facts);
+  if (!ends) return "where the map says";
+  return ends[0] === ends[1] ? `at ${words(ends[1])}` : `from ${ends.map(words).join(" to ")}`;
+}
 
 function set(control, values, text) {
   if (!control) return;

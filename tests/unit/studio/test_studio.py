@@ -21,6 +21,7 @@ from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
 from bokehnet.studio import session as studio_session
 from bokehnet.studio.display import to_rgba
+from bokehnet.studio.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.opened import Region
 from bokehnet.studio.panels import is_path, panels
 from bokehnet.studio.strokes import Stroke, painted
@@ -181,10 +182,16 @@ def test_every_setting_is_in_a_panel_unless_it_is_a_path():
     for path, known in all_settings().items():
         if path in fields:
             told = fields[path]
-            assert (told["help"], told["unit"]) == (known.help, known.unit)
+            assert (told["help"], told["unit"]) == (HELP_TEXTS.get(path, known.help), known.unit)
+            assert "--" not in told["help"], path  # the page has no command line
+            assert "`" not in told["help"], path
         else:
             hidden = is_path(known) or known.flag is None or known.group == "input"
             assert hidden or path in ("color.glass", "color.axial_map", "color.lateral_map"), path
+
+
+def test_texts_of_the_page_belong_to_settings():
+    assert (HELP_TEXTS | LABELS).keys() <= all_settings().keys()
 
 
 LOOKS = {
@@ -298,8 +305,18 @@ def test_the_focus_starts_on_the_subject(client, session, files):
     """Authority: the map, whose only near surface is the square, disparity 1 once stretched."""
     client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
     client.post("api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes())
-    far, near = session.settings.focus.range
-    assert 0.9 < far <= near == 1
+    assert session.settings.focus.value == 1
+
+
+def test_the_focus_covers_the_range_of_a_deep_subject(session, files, tmp_path):
+    """Authority: the map: after stretching 0.2 to 0.8 to 0..1 the square runs from 0.88 to 1."""
+    disparity = np.full((64, 96), 0.2, np.float32)
+    disparity[20:50, 30:60] = np.linspace(0.73, 0.8, 30)
+    write_map(tmp_path / "deep.png", disparity)
+    session.open(
+        files / "photo.png", RenderSettings().updated({"input": {"disparity": str(tmp_path / "deep.png")}})
+    )
+    assert session.settings.focus.range == pytest.approx((0.88, 1), abs=0.03)
 
 
 def test_undo_restores_settings_presets_and_strokes_in_order(client, opened):
