@@ -120,7 +120,8 @@ const chosen = {};
 function choose(name, file) {
   chosen[name] = file;
   blame(name, "");
-  document.querySelector(`[data-of=${name}]`).textContent = file.name ?? "sample";
+  const label = { photo: "Photo", disparity: "Depth map" }[name];
+  document.querySelector(`[data-of=${name}]`).textContent = file.name ? `${label}: ${file.name}` : `Another ${label.toLowerCase()}`;
   if (chosen.photo && chosen.disparity) open(chosen.photo, chosen.disparity);
   else status.textContent = chosen.photo ? "Now its depth map." : "Now the photo.";
 }

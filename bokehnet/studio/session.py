@@ -349,7 +349,13 @@ class Session:
                     fields[key] = value.name
                     files[value.name] = value
         strokes = [stroke.to_table() for stroke in opened.strokes]
-        content = {"format": 1, "picture": opened.path.name, "settings": table, "strokes": strokes}
+        content = {
+            "format": 1,
+            "picture": opened.path.name,
+            "settings": table,
+            "strokes": strokes,
+            "preset": self.preset,
+        }
         path = self._results_folder() / f"{opened.path.stem}.bokeh"
         write_session(path, content, files)
         return path
@@ -377,6 +383,7 @@ class Session:
         except (KeyError, TypeError, AttributeError) as error:
             raise ConfigError("expected a session file saved by the studio, found something else") from error
         self.open(picture, complete, strokes)
+        self.preset = table["preset"] if table.get("preset") in presets() else ""
 
     def incoming(self, name: str) -> Path:
         """Return a path for an upload, in a folder of its own to avoid name clashes."""

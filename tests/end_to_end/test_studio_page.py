@@ -232,6 +232,17 @@ def test_an_export_has_the_bytes_of_the_shown_command(page, tmp_path, monkeypatc
     assert download.value.path().read_bytes() == (tmp_path / "mine.png").read_bytes()
 
 
+def test_an_export_says_how_long_it_still_takes(page):
+    """Authority: the rule of three: after 10 s for a quarter, three quarters take 30 s."""
+    running = {"state": "running", "share": 0.25, "seconds": 10, "name": "photo_bokeh.png"}
+    idle = {name: {"state": "idle"} for name in ("repair", "light", "estimate")}
+    page.route("**/api/jobs", lambda route: route.fulfill(json={**idle, "export": running}))
+    page.route("**/api/export", lambda route: route.fulfill(json={}))
+    page.click("#export")
+    until(page, "document.querySelector('#export-status').textContent === 'About 30 s left'")
+    page.unroute_all()
+
+
 def test_a_reload_and_a_second_tab_show_the_same(page, pixels, settle):
     settle(page, lambda: put(page, "#focus", 1))
     before = pixels(page)

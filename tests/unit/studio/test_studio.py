@@ -335,6 +335,13 @@ def test_undo_restores_settings_presets_and_strokes_in_order(client, opened):
     assert (state["preset"], state["strokes"], state["undone"]) == ("petzval-swirl", 1, 0)
 
 
+def test_a_session_keeps_the_preset(client, opened):
+    client.post("api/wear", json={"preset": "soft-focus"})
+    saved = client.get("api/session").content
+    client.post("api/wear", json={"preset": ""})
+    assert client.post("api/reopen", content=saved).json()["preset"] == "soft-focus"
+
+
 def test_a_drag_of_one_control_is_one_step(client, opened):
     for blur in (13, 14, 15):
         client.post("api/change", json={"changes": {"camera": {"blur": blur}}})
