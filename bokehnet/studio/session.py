@@ -504,6 +504,9 @@ class Session:
         def run() -> None:
             try:
                 fetch_model(model, lambda offer: agreed, progress)
+                if self.opened is not opened:  # another picture was opened meanwhile
+                    self.jobs["estimate"] = {"state": "idle"}
+                    return
                 settings = self.with_depth({"depth_model": model.name})
                 self.open(opened.path, settings, seconds=_MAX_ESTIMATE_SECONDS)
                 self.jobs["estimate"] = {"state": "done"}

@@ -438,6 +438,23 @@ def test_depth_is_estimated_only_after_consent(client, session, files, monkeypat
     assert "declined" in job["error"]
 
 
+def test_an_estimate_leaves_a_picture_alone_that_was_opened_meanwhile(client, session, files, monkeypatch):
+    picture = (files / "photo.png").read_bytes()
+    client.post("api/open?name=photo.png", content=picture)
+    monkeypatch.setattr(
+        studio_session,
+        "fetch_model",
+        lambda *_: client.post("api/open?name=second.png", content=picture),
+    )
+    client.post("api/estimate", json={"agreed": True})
+    end = time.monotonic() + 60
+    while (job := client.get("api/jobs").json()["estimate"])["state"] == "running":
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    assert job["state"] == "idle"
+    assert client.get("api/state").json()["name"] == "second.png"
+
+
 def test_a_map_is_dropped_on_an_open_picture(client, session, files):
     client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
     state = client.post(
