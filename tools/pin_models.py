@@ -23,7 +23,7 @@ from bokehnet.errors import BokehnetError, ModelFileError
 from bokehnet.inference.depth_convention import find_convention
 from bokehnet.inference.depth_models import PINS, DepthModel, depth_model_names, find_depth_model
 from bokehnet.inference.monocular import DepthEstimator
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 
 _HEAD = """\
 # Written by `python -m tools.pin_models`: pinned revision and hash of each network in depth_models.toml.

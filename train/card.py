@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 from bokehnet.models.onnx_import import read_exported
 from train.scores.report import Row, format_table
 

@@ -18,7 +18,7 @@ from benchmarks.bokeh_bench.running import SCORES, by_command, by_engine, score_
 from benchmarks.bokeh_bench.scenes import SCENES, make_scene, prepare
 from benchmarks.quality.theses import METHODS
 from bokehnet.errors import BokehnetError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 
 _PINS = Path(__file__).with_name("pins.json")
 _PACKAGES = ("bokehnet", "numpy", "numba", "scikit-image", "scipy", "embreex", "torch")

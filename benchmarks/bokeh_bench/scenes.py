@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.bokeh_bench import VERSION
 from bokehnet.checks import Array
 from bokehnet.errors import DataFileError
-from bokehnet.io.atomic import write_text
 from bokehnet.io.channels import write_channels
+from bokehnet.io.files.atomic import write_text
 from bokehnet.io.formats.encode import encode as write_pixels
 from bokehnet.io.image import write_image
 from bokehnet.lenses import Rays, ThinLens

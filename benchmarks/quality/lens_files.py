@@ -21,7 +21,7 @@ import numpy as np
 
 from bokehnet.errors import BokehnetError
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens
-from bokehnet.lenses.pupils import paraxial_lens
+from bokehnet.lenses.pupils.paraxial_lens import paraxial_lens
 from bokehnet.lenses.surface_trace import beam_between, trace
 
 __all__ = ["main"]

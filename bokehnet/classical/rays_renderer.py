@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import (
@@ -152,7 +153,7 @@ _fuse = njit()(fuse)
 
 
 @njit(cache=True, parallel=True)
-def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
+def _blend(smooth, error_map, rays_mask, result):
     """Blend the rays in ``result`` with the scatter ``smooth``, by the weight ``error_map``."""
     for y in prange(rays_mask.shape[0]):
         for x in range(rays_mask.shape[1]):
@@ -188,17 +189,17 @@ def scatter_beyond(
     viewport: Viewport,
     scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
-    """Scatter a picture whose border pixels are repeated outwards, as the rays see it.
+    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
 
-    A cat's-eye is measured from the corners of the picture itself, so such pictures keep their size. Where a
-    strip ends inside the picture nothing is repeated, but rows are omitted so that blocks align with those of
-    the whole picture.
+    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself, so
+    such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are omitted
+    so that blocks align with those of the whole picture.
 
     Args:
         image: Scene-linear picture, (H, W, 3) float32.
         defocus: Signed blur radius, (H, W) pixels.
         aperture: Shape of the aperture.
-        reach: Number of repeated pixels.
+        reach: Number of pixels beyond each border.
         strip: Position of these rows in their picture; ``None`` for all rows.
         viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
@@ -213,7 +214,7 @@ def scatter_beyond(
         below = 0
     padding = ((above, below), (reach, reach))
     larger = scattered(
-        np.pad(image[skipped:], (*padding, (0, 0)), "edge"),
+        beyond_border(image[skipped:], above, below, reach),
         np.pad(defocus[skipped:], padding, "edge"),
         aperture,
     )

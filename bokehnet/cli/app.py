@@ -26,16 +26,23 @@ from bokehnet.cli.commands.warm_up import warm_up
 from bokehnet.cli.completion import install_completion, show_completion
 from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import message_of
+from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
-from bokehnet.cli.streams import library_lines_caught, open_closed_streams, write_failure
-from bokehnet.errors import BokehnetError
+from bokehnet.cli.streams import (
+    address_space_shortage,
+    library_lines_caught,
+    open_closed_streams,
+    shortage,
+    write_failure,
+)
+from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
 
 # Commands that run until they are stopped: the lines of libraries are their log.
 _SERVICES = (["serve"], ["studio"])
-_QUIET = {"-q", "--quiet"}
+_QUIET, _HELP = {"-q", "--quiet"}, {"-h", "--help", "--version"}
 
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
@@ -91,7 +98,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(message_of(error))
+        return _fail(message_of(error) + _help_hint(arguments, error))
     except click.UsageError as error:
         command = "bokehnet" if error.ctx is None else error.ctx.command_path
         return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
@@ -99,8 +106,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"out of memory, try a smaller picture ({error})")
     except BrokenPipeError:  # the reader of stdout has enough
         return 1
-    except OSError as error:
-        return _fail(write_failure(error))
+    except (ImportError, OSError, RuntimeError) as error:
+        if (problem := shortage(error)) is None:
+            raise
+        return _fail(problem)
     except (KeyboardInterrupt, click.Abort):
         code = _INTERRUPTED
     if code == _INTERRUPTED:
@@ -115,6 +124,8 @@ def main() -> None:
     open_closed_streams()
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
     arguments = sys.argv[1:]
+    if (problem := address_space_shortage()) and not _HELP.intersection(arguments):
+        _leave(_fail(problem))
     if arguments[:1] in _SERVICES:
         _leave(run(arguments))
     with library_lines_caught() as lines:
@@ -155,6 +166,15 @@ def _leave(code: int) -> None:
         atexit._run_exitfuncs()
         os._exit(code)
     sys.exit(code)
+
+
+def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
+    """Return where the help of a wrong option is, for commands with groups of options."""
+    command = app.commands.get(arguments[0]) if arguments else None
+    if not isinstance(error, ParameterError) or not isinstance(command, SectionedCommand):
+        return ""
+    group = command.group_of(error.parameter) if command.common else ""
+    return f"; see bokehnet {command.name} --help {group}" if group else ""
 
 
 def _fail(message: str) -> int:

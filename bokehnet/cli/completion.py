@@ -46,7 +46,7 @@ def completion_script(flag: str, shell: str) -> tuple[str, str]:
 
 def _show(ctx: click.Context, param: click.Parameter, shell: str | None) -> None:
     if shell is not None and not ctx.resilient_parsing:
-        click.echo(completion_script("--show-completion", shell)[1])
+        click.echo(completion_script("--show-completion", shell)[1].rstrip())
         ctx.exit()
 
 
@@ -64,7 +64,7 @@ def _install(ctx: click.Context, param: click.Parameter, shell: str | None) -> N
     place, startup, line = _PLACES[name]
     path = Path.home() / place
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(script, encoding="utf-8")
+    path.write_text(f"{script.rstrip()}\n", encoding="utf-8")
     if startup is not None and line is not None:
         settings = Path.home() / startup
         text = settings.read_text(encoding="utf-8") if settings.exists() else ""

@@ -91,6 +91,12 @@ class SectionedCommand(click.Command):
         """Return the title of each group of options by name."""
         return {item.group: item.section for item in self.params if isinstance(item, SectionedOption)}
 
+    def group_of(self, parameter: str) -> str:
+        """Return the group of a field such as ``camera.blur`` or an option; empty if there is none."""
+        options = [item for item in self.params if isinstance(item, SectionedOption)]
+        name = parameter.partition(".")[0]
+        return next((item.group for item in options if parameter in item.opts or name == item.group), "")
+
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         """Return ``--help``, with an optional group as its value."""
         if not self.common:

@@ -2,16 +2,30 @@
 
 import contextlib
 import errno
+import faulthandler
 import os
 import sys
 import threading
 from collections.abc import Iterator
 
-__all__ = ["LibraryLines", "library_lines_caught", "open_closed_streams", "write_failure"]
+from bokehnet.process_limits import address_space_limit
+
+__all__ = [
+    "LibraryLines",
+    "address_space_shortage",
+    "library_lines_caught",
+    "open_closed_streams",
+    "shortage",
+    "write_failure",
+]
 
 _OWN = b"bokehnet: "  # start of lines of worker processes, which are passed on
 _END = b"\0end of library lines\n"
 _MAX_LINE_BYTES = 4096
+
+# Least address space for a small render: libraries, and stacks and arenas of threads per core. Below it
+# libraries end the process without a line, or wait for threads that could not start.
+_MIN_ADDRESS_SPACE, _MIN_ADDRESS_SPACE_PER_CORE = 2**30, 2**26
 
 
 def open_closed_streams() -> None:
@@ -72,9 +86,14 @@ def library_lines_caught() -> Iterator[LibraryLines]:
     reader = threading.Thread(target=_read_lines, args=(reading, own, lines), daemon=True)
     reader.start()
     sys.stderr = shown
+    traced = faulthandler.is_enabled()
+    if traced:
+        faulthandler.enable(shown)
     try:
         yield lines
     finally:
+        if traced:
+            faulthandler.enable(previous)
         with contextlib.suppress(OSError):
             os.write(2, b"\n" + _END)
         reader.join(1.0)
@@ -95,6 +114,33 @@ def _read_lines(reading: int, own: int, lines: LibraryLines) -> None:
                     os.write(own, line)
             else:
                 lines.add(line)
+
+
+def address_space_shortage() -> str | None:
+    """Return one line if the address space is too small for the libraries, which would end without one."""
+    limit, minimum = (
+        address_space_limit(),
+        _MIN_ADDRESS_SPACE + _MIN_ADDRESS_SPACE_PER_CORE * (os.cpu_count() or 1),
+    )
+    if limit is None or limit >= minimum:
+        return None
+    return (
+        f"expected an address space of at least {minimum // 2**20} MiB, found a limit of "
+        f"{limit // 2**20} MiB; raise it with ulimit -v"
+    )
+
+
+def shortage(error: Exception) -> str | None:
+    """Return one line about an error of the system; None for others, which are bugs.
+
+    Args:
+        error: Error of writing to stdout, of a deleted folder, or of a library that cannot be loaded or
+            cannot start a thread within the address space.
+    """
+    limit = address_space_limit()
+    if limit is not None and not (isinstance(error, OSError) and error.errno is not None):
+        return f"out of memory: the address space is limited to {limit // 2**20} MiB; raise it with ulimit -v"
+    return write_failure(error) if isinstance(error, OSError) else None
 
 
 def write_failure(error: OSError) -> str:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice, check_image
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.io.buffers import is_buffer
 from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.io.files.buffers import is_buffer
 from bokehnet.io.image import read_image
 
 __all__ = ["as_image"]

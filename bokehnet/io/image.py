@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ParameterError
-from bokehnet.io.atomic import check_target
-from bokehnet.io.buffers import Buffer, is_buffer, picture_file, write_to_stream
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace, convert
 from bokehnet.io.color.dither import quantise
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.containers.input_checks import check_name
+from bokehnet.io.files.atomic import check_target
+from bokehnet.io.files.buffers import Buffer, is_buffer, picture_file, write_to_stream
 from bokehnet.io.formats.encode import encode
 from bokehnet.io.formats.heif import is_heif, read_heif
-from bokehnet.io.metadata.photo_metadata import read_metadata
-from bokehnet.io.output_format import (
+from bokehnet.io.formats.output_format import (
     IMAGE_EXTENSIONS,
     Bits,
     OutputFormat,
@@ -27,9 +26,10 @@ from bokehnet.io.output_format import (
     check_extension,
     check_format,
 )
+from bokehnet.io.formats.store import SourceFile, store_picture
+from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.store import SourceFile, store_picture
 
 __all__ = [
     "IMAGE_EXTENSIONS",
@@ -85,7 +85,7 @@ def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -
     return convert(image, space, like, out=image)
 
 
-@renamed_keywords(beside="extra_channels")
+@renamed_keywords
 def write_image(
     path: Path | str | BinaryIO,
     image: NDArray[Any],

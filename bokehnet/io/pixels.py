@@ -13,12 +13,12 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-import bokehnet.io.decoder_threads  # noqa: F401  # prepares forks
+import bokehnet.io.files.decoder_threads  # noqa: F401  # prepares forks
 from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count, check_value_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm
 from bokehnet.io.exr.deep import flatten
-from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
+from bokehnet.io.exr.deep_chunks import DeepSamples, largest_band, read_samples
 from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
@@ -40,6 +40,7 @@ _FLOAT_TYPES = ("half", "float", "double")
 _TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
 
 # Rows per band, a multiple of the rows per chunk; fewer where rows are long, except with DWAB (256 rows).
+_DEEP_SAMPLE_BYTES = 60  # memory of a deep sample while it is read
 _BAND_ROWS, _MIN_BAND_ROWS, _BAND_BYTES = 256, 32, 2**27
 
 
@@ -185,6 +186,14 @@ class ImageFile:
         step = tile * max(1, rows // tile) if tile else rows // min_rows * min_rows
         for first in range(0, part.height, step):
             yield slice(first, min(first + step, part.height))
+
+    def reading_bytes(self, part: Part) -> int:
+        """Return the approximate memory in bytes to decode a part band by band, without the result."""
+        rows = next(self.bands(part)).stop
+        size = 2 * 4 * rows * part.width * len(part.channels)
+        if part.deep and self.headers is not None:
+            size += _DEEP_SAMPLE_BYTES * largest_band(self.path, self.headers, part.index, rows)
+        return size
 
     def read_stored(self, part: Part, rows: slice) -> NDArray[np.float32]:
         """Return some rows of all channels of a part, (rows, W, C), as stored.

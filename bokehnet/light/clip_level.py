@@ -79,7 +79,9 @@ def _level(
     above = histogram[level + 2 :].sum()
     if pile < min_pixels or pile / 3 < min_pile * below.mean() or above > 0.15 * pile:
         return None
-    raised = histogram[level - 15 : level] > 1.5 * max(float(np.median(histogram[level - 30 : level - 15])), 1)
+    raised = histogram[level - 15 : level] > 1.5 * max(
+        float(np.median(histogram[level - 30 : level - 15])), 1
+    )
     width = margin + int(np.argmin(raised[::-1])) if not raised.all() else margin + len(raised)
     return ClipLevel(
         code=level,

@@ -177,6 +177,7 @@ def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderR
         notes=scene.notes,
         assumptions=() if focused is None else focused.assumptions,
         reading=scene.reading,
+        light=scene.light,
     )
 
 

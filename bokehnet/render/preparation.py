@@ -12,6 +12,7 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
+from bokehnet.light.recovery import RecoveredLight, recover_light
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
@@ -67,6 +68,7 @@ class _Picture:
         known: Both surfaces of pixels at edges, in the unit of the map, where they are known.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         subject: Function that returns the subject.
+        light: Picture with the clipped light recovered.
     """
 
     original: Scene
@@ -75,6 +77,7 @@ class _Picture:
     known: KnownSurfaces | None
     pixel_filter: FilterChoice | None
     subject: Callable[[], Subject]
+    light: RecoveredLight
 
 
 def prepare(
@@ -157,6 +160,11 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
+    light = cache.get(
+        ("light", *key, settings.highlights.threshold, settings.highlights.strength),
+        lambda: _recovered_light(scene, final.values, settings),
+        lambda light: light.image if light.fraction else np.zeros(0),
+    )
     return _Picture(
         original=original,
         scene=scene,
@@ -168,7 +176,17 @@ def _prepare_picture(
             lambda: find_subject(scene.image, final.values),
             lambda subject: subject.mask,
         ),
+        light=light,
     )
+
+
+def _recovered_light(scene: Scene, nearness: Array, settings: RenderSettings) -> RecoveredLight:
+    """Return the picture of a scene, with its clipped light if file and settings allow an estimate."""
+    highlights, frame = settings.highlights, scene.frame
+    is_photograph = frame is not None and frame.is_display_referred and scene.supersampled == 1
+    if highlights.threshold != "auto" or not is_photograph:
+        return RecoveredLight(image=scene.image)
+    return recover_light(scene.image, nearness, highlights.strength)
 
 
 def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
@@ -198,7 +216,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
         notes += unexpected_blur(scene.depth, picture.map.ends, lens, values)
-    image, choice = scene.image, picture.pixel_filter
+    image, choice = picture.light.image, picture.pixel_filter
     if original.supersampled > scene.supersampled:
         radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
         pixel_filter = None if choice is None else choice.specified_or_default
@@ -220,6 +238,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
         reading=scene.depth.reading,
+        light=picture.light.note,
     )
 
 

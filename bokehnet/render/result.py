@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ImageFileError
-from bokehnet.io.buffers import write_to_stream
 from bokehnet.io.color.color_space import LINEAR_REC709, convert
+from bokehnet.io.files.buffers import write_to_stream
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
@@ -45,6 +45,7 @@ class RenderReport:
         notes: Automatic choices and warnings, one line each.
         assumptions: Values that neither settings nor files define, a few words each.
         reading: Assumptions about the map, a few words each: unit, direction, coding, holes.
+        light: Recovered light of clipped pixels, a few words; empty if none was recovered.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -62,6 +63,7 @@ class RenderReport:
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
+    light: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

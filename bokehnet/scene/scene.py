@@ -117,6 +117,7 @@ class FocusedScene:
         layers: Successive surfaces with their blur radii, where they are known.
         focus_again: Function that :meth:`refocus` calls; None if the picture was not kept.
         reading: Assumptions about the map for the summary, a few words each.
+        light: Recovered light for the summary, a few words; empty if none was recovered.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -144,6 +145,7 @@ class FocusedScene:
     supersampled: int = 1
     layers: Layers | None = None
     reading: tuple[str, ...] = ()
+    light: str = ""
     focus_again: Callable[..., "FocusedScene"] | None = field(default=None, repr=False)
 
     def refocus(self, value: float | None = None, **focus: Any) -> "FocusedScene":

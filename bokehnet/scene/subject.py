@@ -24,6 +24,9 @@ __all__ = ["FaceDetector", "Subject", "SubjectSearch", "detect_faces", "find_sub
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+# Number of the best candidates that are checked for holes.
+_MAX_FILLED = 12
+
 # Maximum area of a grown surface, in areas of its candidate.
 _MAX_GROWTH = 2.5
 
@@ -33,7 +36,7 @@ FaceDetector = Callable[[Array], Sequence[tuple[int, int, int, int]]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SubjectSearch:
-    """Tuned numbers of the search, measured by ``python -m benchmarks.subject``.
+    """Tuned numbers of the search, measured by ``python -m benchmarks.quality.subject``.
 
     Disparities are relative to the range of the map between its 1st and 99th percentile.
 
@@ -144,6 +147,8 @@ def find_subject(
     boxes = () if faces is None else view.scaled_boxes(faces(_display(image)), image.shape[:2])
     candidates = _candidates(view)
     scores = [_score(view, mask, boxes) for mask in candidates]
+    for index in np.argsort(scores)[::-1][:_MAX_FILLED]:
+        scores[index] *= _filled_fraction(view, candidates[index])
     best = int(np.argmax(scores)) if scores else -1
     certainty = _certainty(scores[best]) if scores else 0.0
     if certainty < search.min_certainty:
@@ -405,6 +410,8 @@ def _score(view: _View, mask: Mask, boxes: Sequence[tuple[slice, slice]]) -> flo
     fill = float(mask.sum() / box) ** 0.3
     sides = mask[:, 0].sum() + mask[:, -1].sum() + mask[0].sum()
     border = float(np.exp(-2.0 * sides / np.sqrt(mask.sum())))
+    if mask[:, 0].any() and mask[:, -1].any():  # a strip across the picture: horizon, wall, hedge
+        border *= 0.4
     outside = ~mask & ~view.ground
     around = outside & _dilated(mask, 6)
     detail = 1.0
@@ -438,6 +445,16 @@ def _outline(view: _View, mask: Mask) -> float:
     ahead = far[rim] < values[rim] - step
     behind = (near[rim] > inside[rim] + step) & ~ahead
     return float((ahead + 0.4 * behind).mean())
+
+
+def _filled_fraction(view: _View, mask: Mask) -> float:
+    """Return the fraction of a candidate in its outline if it is the rim of something nearer, else 1."""
+    outside = _label(~mask)
+    edges = np.concatenate([outside[0], outside[-1], outside[:, 0], outside[:, -1]])
+    holes = (outside > 0) & ~np.isin(outside, np.unique(edges))
+    if not holes.any() or np.median(view.values[holes]) <= np.median(view.values[mask]):
+        return 1.0
+    return float(mask.sum() / (mask.sum() + holes.sum()))
 
 
 def _certainty(score: float) -> float:

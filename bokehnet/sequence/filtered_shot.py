@@ -17,8 +17,8 @@ from bokehnet.depth_repair.stages.edge_sharpening import (
 )
 from bokehnet.depth_repair.stages.weighted_median import snap_blurred_edges
 from bokehnet.errors import ImageFileError
-from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
+from bokehnet.io.files.atomic import write_text
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.sequence.temporal_filter import REACH_FRAMES, FilteredFrame, FrameWindow
 

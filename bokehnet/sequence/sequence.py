@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from bokehnet.errors import ConfigError, ParameterError, errors_of_file
-from bokehnet.io.text import read_text
+from bokehnet.io.files.text import read_text
 from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
 from bokehnet.sequence.tracking import TrackedPoint
 from bokehnet.settings.fields import Group, field_settings, setting

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.errors import BokehnetError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.errors import ParameterError
-from bokehnet.io.atomic import check_target
+from bokehnet.io.files.atomic import check_target
 from bokehnet.io.video.display_matrix import DisplayMatrix
 from bokehnet.io.video.frames import (
     VIDEO_EXTENSIONS,

@@ -189,7 +189,7 @@ def field_settings(group: Any) -> Mapping[str, Setting]:
     Examples:
         >>> from bokehnet.settings.look_settings import HighlightSettings
         >>> {name: known.default for name, known in field_settings(HighlightSettings).items()}
-        {'threshold': None, 'gain': None, 'gamma': 1.0}
+        {'threshold': 'auto', 'strength': 1.0, 'gain': None, 'gamma': 1.0}
     """
     return _read_fields(group if isinstance(group, type) else type(group))
 

@@ -26,7 +26,7 @@ Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
 
-# Same names as in bokehnet.io.output_format.
+# Same names as in bokehnet.io.formats.output_format.
 ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]

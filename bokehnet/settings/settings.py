@@ -6,6 +6,7 @@ by this path. The fields are defined in ``scene_settings.py``, ``look_settings.p
 """
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -135,7 +136,9 @@ class RenderSettings:
         for name, value in fields.items():
             with errors.collect():
                 if name not in known:
-                    raise ParameterError(f"{group}.{name}", expected=f"one of {', '.join(known)}", got=name)
+                    near = difflib.get_close_matches(name, known, n=1)
+                    remedy = f"did you mean {near[0]}?" if near else ""
+                    raise ParameterError(f"{group}.{name}", f"one of {', '.join(known)}", name, remedy)
                 values[name] = from_plain(known[name], value)
         errors.raise_all()
         updated: Group = dataclasses.replace(getattr(self, group), **values)

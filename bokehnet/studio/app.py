@@ -18,13 +18,13 @@ from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings
 from bokehnet.studio.display import SPACES
+from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import Application, Guard
 from bokehnet.studio.opened import Opened, Region
 from bokehnet.studio.overlays import aperture_image, overlay, plain
 from bokehnet.studio.panels import panels
 from bokehnet.studio.preview import Picture, refine
 from bokehnet.studio.session import Session
-from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 __all__ = ["PAGE", "make_app"]
 
@@ -176,12 +176,8 @@ class _Api:
         if role == "picture":
             has_depth = path.suffix.lower() == ".exr"
             settings = RenderSettings().updated({"input": {"depth": str(path)}} if has_depth else {})
-            try:
-                await asyncio.to_thread(session.open, path, settings)
-            except BokehnetError:
-                if not has_depth:
-                    raise
-                await asyncio.to_thread(session.open, path, RenderSettings())
+            fallback = RenderSettings() if has_depth else None  # an EXR without depth
+            await asyncio.to_thread(session.open, path, settings, fallback=fallback)
         elif role in ("disparity", "depth", "defocus"):
             opened = _open_one(session)
             look = RenderSettings().updated(

@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any, Protocol
 
 from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.process_limits import limit_address_space, limit_cpu_time
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 
@@ -17,6 +18,7 @@ __all__ = ["BackgroundProcess", "Task"]
 
 _POLL_INTERVAL = 0.02  # s between checks for cancellation
 _NICENESS = 10
+_MEMORY_FRACTION = 0.8  # of the machine's memory that the process may map
 
 
 class Task(Protocol):
@@ -80,7 +82,7 @@ class BackgroundProcess:
             self._number += 1
             number = self._current.value = self._number
             try:
-                self._pipe.send((number, task, arguments))
+                self._pipe.send((number, task, arguments, seconds))
                 return self._answer(number, progress, cancel, seconds)
             except BokehnetError:  # some are also OSError
                 raise
@@ -134,11 +136,14 @@ def _serve(pipe: Any, current: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
+    if hasattr(os, "sysconf"):
+        limit_address_space(int(_MEMORY_FRACTION * os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
     while True:
         try:
-            number, task, arguments = pipe.recv()
+            number, task, arguments, seconds = pipe.recv()
         except (EOFError, OSError):  # the parent has ended
             return
+        limit_cpu_time(None if seconds is None else seconds * (os.cpu_count() or 1))
 
         def report(done: int, total: int, number: int = number) -> None:
             if current.value != number:

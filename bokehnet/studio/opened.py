@@ -18,9 +18,11 @@ from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
+from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
 from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
+from bokehnet.scene.subject import find_subject
 from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
@@ -87,13 +89,19 @@ def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
         return settings
     changes: dict[str, dict[str, Any]] = {"camera": {}, "focus": {}}
     if depth.kind == "relative" and camera.blur is None:
-        changes["camera"]["blur"] = float(round(_DEFAULT_BLUR * width))
+        if camera.strength is None and camera.f_number is None:
+            changes["camera"]["blur"] = float(round(_DEFAULT_BLUR * width))
+        else:  # the page shows a radius; the focus moves, so that of the nearest point counts
+            blur = completed_blur(camera, depth, 1.0, 1.0, scene.window)[0].blur
+            changes["camera"] = {"blur": blur, "strength": None, "f_number": None, "focal_length": None}
     for name, default in _DEFAULT_CAMERA.items() if depth.kind == "metric" else ():
         if getattr(camera, name) is None and getattr(depth.camera, name, None) is None:
             changes["camera"][name] = default
     has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
     if not has_focus and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
-        changes["focus"]["at"] = [width // 2, height // 2]
+        x, y = find_subject(scene.image, depth.values).position
+        rows, columns = depth.values.shape
+        changes["focus"]["at"] = [x * width // columns, y * height // rows]
     return settings.updated(changes)
 
 

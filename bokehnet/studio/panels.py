@@ -101,6 +101,8 @@ def _description(known: Setting) -> dict[str, Any]:
 
 def _kind(kind: Any) -> str:
     """Return ``number``, ``whole``, ``switch``, ``text``, ``numbers`` (a list) or ``pixels``."""
+    if any(typing.get_origin(inner) is typing.Literal for inner in typing.get_args(kind)):
+        return "text"  # a number or one of some words
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         return next(inner for inner in map(_kind, typing.get_args(kind)) if inner != "text")
     simple = {float: "number", int: "whole", bool: "switch"}

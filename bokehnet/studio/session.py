@@ -13,14 +13,14 @@ from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
-from bokehnet.studio.archive import read_session, write_session
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
+from bokehnet.studio.files.archive import read_session, write_session
+from bokehnet.studio.files.uploads import safe_name
 from bokehnet.studio.opened import Opened, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
 from bokehnet.studio.strokes import Stroke
-from bokehnet.studio.uploads import safe_name
 from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]
@@ -72,15 +72,28 @@ class Session:
         self.fine.stop()
         self._holder.cleanup()
 
-    def open(self, path: Path, settings: RenderSettings, strokes: list[Stroke] | None = None) -> None:
+    def open(
+        self,
+        path: Path,
+        settings: RenderSettings,
+        strokes: list[Stroke] | None = None,
+        *,
+        fallback: RenderSettings | None = None,
+    ) -> None:
         """Open a picture in place of the current one, which stays open on failure.
+
+        Args:
+            path: Picture.
+            settings: Settings with its depth.
+            strokes: Strokes on the map.
+            fallback: Settings to try if the picture cannot be opened with ``settings``.
 
         Raises:
             BokehnetError: The picture cannot be read, or not in time.
         """
         self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, complete = self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
+            scene, complete = self._read(path, settings, fallback)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
@@ -98,6 +111,15 @@ class Session:
             self._uploads += [folder for folder in folders if self.folder in folder.parents]
             self._remove_unused()
         self._repair()
+
+    def _read(self, path: Path, settings: RenderSettings, fallback: RenderSettings | None) -> Any:
+        """Return the scene of a picture and its complete settings."""
+        try:
+            return self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
+        except BokehnetError:
+            if fallback is None:
+                raise
+        return self.slow.run(open_picture, path, fallback, seconds=_MAX_OPENING_SECONDS)
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
         """Apply changes from a page, all or none; null resets a field to its default.

@@ -4,8 +4,10 @@ import argparse
 import contextlib
 import gc
 import importlib
+import os
 import pkgutil
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -20,7 +22,7 @@ from tests.fuzz.commands import check_request_text, commands, write_partners
 from tests.fuzz.mutation import mutated
 from tests.fuzz.seeds import text_requests, write_seeds
 
-_REPORT_SECONDS = 300.0
+_REPORT_SECONDS, _WARMING_SECONDS = 300.0, 600.0
 
 
 def run_files(folder: Path, max_seconds: float) -> Counter[str]:
@@ -51,8 +53,14 @@ def fuzz(minutes: float, seed: int, found: Path | None) -> Counter[str]:
         for path in paths:
             by_suffix.setdefault(path.suffix, []).append(path)
         _say(f"{len(paths)} seeds: {' '.join(sorted(by_suffix))}")
+        task: Callable[[], int] | None
+        for sources in by_suffix.values():  # so that no attempt compiles a kernel
+            for task in commands(sources[0], partners):
+                attempt(task, _WARMING_SECONDS)
         number, reported = 0, time.monotonic()
-        while time.monotonic() < end:
+        stopped: list[bool] = []
+        signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))
+        while time.monotonic() < end and not stopped:
             rng = np.random.default_rng([seed, number])
             number += 1
             if rng.random() < 0.05:
@@ -62,7 +70,7 @@ def fuzz(minutes: float, seed: int, found: Path | None) -> Counter[str]:
                     text,
                     "request.json",
                 )
-                task: Callable[[], int] | None = None
+                task = None
             else:
                 suffix = sorted(by_suffix)[int(rng.integers(len(by_suffix)))]
                 source = by_suffix[suffix][int(rng.integers(len(by_suffix[suffix])))]
@@ -110,6 +118,7 @@ def _say(text: str) -> None:
 def import_all() -> None:
     """Import the modules of the commands once, before children are forked."""
     rooms = (
+        "classical",
         "cli",
         "depth_repair",
         "engines",
@@ -124,6 +133,8 @@ def import_all() -> None:
     for room in rooms:
         package = importlib.import_module(f"bokehnet.{room}")
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if module.name.startswith(("bokehnet.classical.torch", "bokehnet.classical.cuda")):
+                continue
             with contextlib.suppress(ImportError):
                 importlib.import_module(module.name)
     gc.collect()
@@ -149,4 +160,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    result = main()
+    sys.stdout.flush()
+    os._exit(result)  # without the teardown of the libraries

@@ -160,7 +160,7 @@ def _command_lines(path: Path, suffix: str, partners: Path) -> list[list[object]
 def _reopen(path: Path, folder: Path) -> int:
     """Read a session file of the studio; errors are printed as the command line does."""
     from bokehnet.errors import BokehnetError
-    from bokehnet.studio.archive import read_session
+    from bokehnet.studio.files.archive import read_session
 
     target = folder / "session"
     target.mkdir(exist_ok=True)

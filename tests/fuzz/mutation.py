@@ -28,7 +28,7 @@ def mutated(data: bytes, suffix: str, rng: np.random.Generator) -> bytes:
         suffix: Suffix of its name, which selects mutations for text.
         rng: Random generator.
     """
-    for _ in range(int(rng.integers(1, 5))):
+    for _ in range(min(int(rng.geometric(0.5)), 6)):
         data = _text(data, rng) if suffix in TEXT_SUFFIXES and rng.random() < 0.7 else _bytes(data, rng)
     if data.startswith(_PNG) and rng.random() < 0.8:
         data = _with_png_checksums(data)

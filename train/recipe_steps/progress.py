@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 from train.recipe_steps.plan import Recipe, Step
 from train.recipe_steps.queue import expected_seconds
 

@@ -56,7 +56,7 @@ def compare(
     """
     from bokehnet.cli.commands.compare_page import comparison_page  # after parsing, so --help stays fast
     from bokehnet.cli.progress import compile_notice, progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
     from bokehnet.scene.focus_checks import check_focus
     from bokehnet.scene.scene import read_scene

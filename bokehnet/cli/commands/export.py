@@ -27,7 +27,7 @@ def export(
     """Write an engine as one ONNX file: inputs image, disparity, K, focus, gamma; output bokeh."""
     from bokehnet.checks import require_extra  # after parsing, so --help stays fast
     from bokehnet.errors import ModelFileError
-    from bokehnet.io.atomic import check_target
+    from bokehnet.io.files.atomic import check_target
 
     check_target(output, error=ModelFileError)
     require_extra("onnx", "train")

@@ -3,7 +3,7 @@
 import click
 
 from bokehnet.cli.parser import SectionedCommand, argument
-from bokehnet.io.text import read_text
+from bokehnet.io.files.text import read_text
 from bokehnet.settings.preset import load_preset, preset_file
 from bokehnet.settings.preset import presets as preset_names
 

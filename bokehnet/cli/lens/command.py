@@ -123,7 +123,7 @@ def import_file(
 ) -> None:
     """Read a lens file of another program, describe it, and convert it to bokehnet's format."""
     from bokehnet.errors import ConfigError
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.files.reading import import_lens
     from bokehnet.lenses.prescription import PrescriptionLens
     from bokehnet.lenses.prescription_toml import prescription_toml
@@ -225,7 +225,7 @@ def _check_sheet(output: Path) -> None:
 def _write_sheet(lenses: list[Any], output: Path) -> None:
     from bokehnet.cli.progress import progress
     from bokehnet.errors import ImageFileError
-    from bokehnet.io.atomic import write_text
+    from bokehnet.io.files.atomic import write_text
     from bokehnet.lenses.reports.report_sheet import report_figure, report_page
     from bokehnet.tools.figure_file import write_figure
 

@@ -51,7 +51,7 @@ def copy(
     as_json: bool,
 ) -> None:
     """Misalign the elements of a lens, as in manufactured copies, and print the effects."""
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.assembly.misalignment import misalignment
     from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy
     from bokehnet.lenses.catalog import load_lens

@@ -42,7 +42,7 @@ def fit(
     import numpy as np
 
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
     from bokehnet.lenses.fit.discs import find_discs
     from bokehnet.lenses.fit.fit import fit_look
@@ -79,7 +79,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
     import numpy as np
 
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import write_text
+    from bokehnet.io.files.atomic import write_text
     from bokehnet.io.image import read_image, write_image
     from bokehnet.scene.depth.depth_source import RelativeDisparity
     from bokehnet.scene.scene import read_scene

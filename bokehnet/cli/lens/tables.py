@@ -42,7 +42,7 @@ def aberrations(
     focus: float | None,
 ) -> None:
     """Write the aberrations of a lens as a table by wavelength, for --aberration-table."""
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
     from bokehnet.lenses.seidel_lens import seidel_aberration_map
@@ -76,7 +76,7 @@ def preset(
 ) -> None:
     """Convert a lens to a preset: a table of its aberrations, and its vignetting."""
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
     from bokehnet.lenses.aberrations.lens_preset import lens_preset
 
@@ -129,7 +129,7 @@ def transfer(
     focus: float | None,
 ) -> None:
     """Fit the ray transfer function of a lens, print its ray errors, and store it."""
-    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.transfer import TransferLens
     from bokehnet.lenses.lookup.transfer_file import transfer_errors, write_transfer
     from bokehnet.lenses.prescription import PrescriptionLens
@@ -174,7 +174,7 @@ def profile(
 ) -> None:
     """Trace the profile texture of a lens, compare it with the aberration map, and store it."""
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.profile_comparison import compare_profiles
     from bokehnet.lenses.lookup.profile_file import write_profile
 

@@ -19,6 +19,7 @@ from bokehnet.io.window import Window
 from bokehnet.render.output import check_output
 from bokehnet.scene.camera import complete_camera, merged_camera
 from bokehnet.scene.depth.depth_source import EmbeddedDepth, MetricDepth, depth_source
+from bokehnet.scene.depth.explicit_depth import map_camera
 from bokehnet.scene.focus_checks import check_focus, check_pixels
 from bokehnet.sequence.sequence import input_files
 from bokehnet.settings.settings import RenderSettings
@@ -72,8 +73,8 @@ def _check_maps_folder(folder: Path | None) -> None:
         raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
 
 
-def check_inputs(image: Path, settings: RenderSettings) -> None:
-    """Raise unless the files of a picture can be opened, and focus and camera apply to it.
+def check_inputs(image: Path, settings: RenderSettings) -> Window:
+    """Return the size of a picture; raise unless its files can be opened and the settings apply to it.
 
     Args:
         image: File of the picture.
@@ -93,13 +94,14 @@ def check_inputs(image: Path, settings: RenderSettings) -> None:
             check_pixels(settings.focus, window, settings.input.supersampled)
     with errors.collect():
         if isinstance(source, MetricDepth) and settings.input.depth is not None:
-            _, own = picture_header(settings.input.depth)
-            complete_camera(settings.camera, merged_camera(camera, own), source.origin)
+            known = merged_camera(camera, map_camera(settings.input.depth))
+            complete_camera(settings.camera, known, source.origin)
     errors.raise_all()
+    return window
 
 
 def picture_header(path: Path) -> tuple[Window, Camera | None]:
-    """Return size and camera of a picture or map; reads no pixels.
+    """Return size and camera of a picture; reads no pixels.
 
     Raises:
         ImageFileError: The file is missing, damaged or no picture.
@@ -108,7 +110,7 @@ def picture_header(path: Path) -> tuple[Window, Camera | None]:
         height, width = heif_size(path)
         return Window.whole(width, height), None
     with ImageFile(path) as file:
-        part = find_picture(file).part if file.headers is None else file.parts[0]
+        part = find_picture(file).part
         attributes = file.attributes(part)
         if file.headers is not None:
             return part.window, camera_from_exr(attributes)

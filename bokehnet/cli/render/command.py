@@ -22,8 +22,8 @@ __all__ = ["render"]
 
 _EXAMPLES = """
 bokehnet render photo.jpg --disparity map.png
-bokehnet render portrait.heic --f-number 1.4
-bokehnet render frame.exr --depth frame.exr --focus-distance 2 -o out.exr
+bokehnet render portrait.heic --strength 70 -o out.jpg
+bokehnet render shot.exr --depth shot.exr --focus-distance 2 -o out.exr
 bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 """
 
@@ -61,7 +61,8 @@ def render(
 ) -> None:
     """Render bokeh from an image and its depth or disparity.
 
-    Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time.
+    Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time, and all
+    that was assumed.
     """
     sequence, run = (
         SequenceSettings(**option_values.pop("sequence", {})),
@@ -92,10 +93,13 @@ def render(
     if sequence.frames is None:
         from bokehnet.cli.commands.models import ensure_depth
         from bokehnet.cli.render.checks import check_inputs, check_job
+        from bokehnet.cli.render.large_blur import confirm_set_blur
 
         _check_single(Path(image), sequence, run)
         check_job(Path(image), target, resolved)
-        check_inputs(Path(image), resolved)
+        window = check_inputs(Path(image), resolved)
+        if not quiet:
+            confirm_set_blur(resolved, window)
         ensure_depth(Path(image), resolved)
     # Kernels are imported from here on.
     from bokehnet.cli.render.frame import FrameJob
@@ -123,7 +127,7 @@ def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
             "--output", expected="a name with a placeholder for the frame, such as out.####.png", shown="none"
         )
     from bokehnet.cli.render.default_output import default_output
-    from bokehnet.io.output_format import IMAGE_EXTENSIONS
+    from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
     from bokehnet.io.video.frames import VIDEO_EXTENSIONS
 
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))

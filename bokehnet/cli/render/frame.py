@@ -12,12 +12,14 @@ import numpy.typing as npt
 
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job
+from bokehnet.cli.render.large_blur import large_blur_notice, largest_set_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
+from bokehnet.engine_registry import DEFAULT_ENGINE
 from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.io.finished import is_finished
+from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.image import read_image
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
@@ -187,6 +189,8 @@ def _jobs_of(
     job: FrameJob, sequence: SequenceSettings, frames: Sequence[int], path: Sequence[TrackedPoint]
 ) -> dict[int, FrameJob]:
     base = job.settings
+    if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
+        base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(sequence.frames or (), sequence, metric=metric, path=path)
     maps = base.output.save_maps
@@ -222,6 +226,8 @@ def render_frame(
     renderer: BokehRenderer,
     begin: Callable[[str], Progress] = lambda label: ignore_progress,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
+    *,
+    warn: bool = False,
 ) -> FrameSummary:
     """Read, render and write one frame; the output file appears complete or not at all.
 
@@ -231,6 +237,7 @@ def render_frame(
         begin: Callback that begins a stage by its label and returns its progress callback.
         meanwhile: Factory of a context manager around reading and depth repair, which leave Python's
             interpreter lock free most of the time.
+        warn: True to print the expected time of a very large blur.
 
     Raises:
         BokehnetError: A file cannot be read or written, or settings and files are inconsistent.
@@ -245,6 +252,12 @@ def render_frame(
         times.append(perf_counter())
         report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
+    if warn and largest_set_blur(job.settings) == 0:  # otherwise asked before reading
+        width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
+        radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
+        engine = job.settings.engine.name or DEFAULT_ENGINE
+        if notice := large_blur_notice(engine, width, height, radius):
+            write_above(notice)
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused
@@ -268,4 +281,4 @@ def render_frame(
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
     """Render a frame with a progress bar for each long stage, unless ``quiet``."""
     with stages(hidden=quiet) as begin:
-        return render_frame(job, make_renderer(job.settings), begin, loading_kernels)
+        return render_frame(job, make_renderer(job.settings), begin, loading_kernels, warn=not quiet)

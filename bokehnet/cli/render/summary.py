@@ -38,6 +38,7 @@ class FrameSummary:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", *self.report.reading, self._repair()]
+        parts.append(self.report.light)
         line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
         assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
         return f"{line}; assumed: {assumptions}" if assumptions else line
@@ -66,6 +67,7 @@ class FrameSummary:
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
             "assumptions": [with_option_names(text) for text in report.assumptions],
             "reading": list(report.reading),
+            "recovered_light": report.light,
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr.deep_chunks import DeepSamples
-from bokehnet.optics.over import transmittance
+from bokehnet.optics.pixels.over import transmittance
 
 __all__ = ["DeepLayers", "FlatPixels", "deep_layers", "flatten", "two_surfaces"]
 

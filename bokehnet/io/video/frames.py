@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, errors_of_file
-from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
 from bokehnet.io.containers.input_checks import check_name, check_pixel_count
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.video.chroma import PixelFormat
 from bokehnet.io.video.display_matrix import IDENTITY, DisplayMatrix
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bokehnet.errors import LensError, errors_of_file
 from bokehnet.lenses.files.codev import read_codev
-from bokehnet.lenses.files.glasses import GlassCatalogues
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues
 from bokehnet.lenses.files.lentil import read_lentil
 from bokehnet.lenses.files.optiland import read_optiland
 from bokehnet.lenses.files.oslo import read_oslo

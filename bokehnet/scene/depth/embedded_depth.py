@@ -72,11 +72,11 @@ class EmbeddedDepth:
             embedded = read_phone_depth(photo.path)
             if embedded is None and (channel := picture_depth_channel(photo.path)) is not None:
                 return self._from_exr(photo, photo.path, channel)
-        notes: tuple[str, ...] = ()
+        estimator = ""
         if embedded is None and (network := cached_network()) is not None:
             estimate = network.depth_map(photo)
             embedded = PhoneDepth(disparity=estimate.values, metric=estimate.kind == "metric")
-            notes = (f"depth estimated by {network.model}, as the picture has none",)
+            estimator = str(network.model)
         if embedded is None:
             raise no_depth_error(photo.path)
         window = photo.window
@@ -84,7 +84,7 @@ class EmbeddedDepth:
             height, width = embedded.all_in_focus.shape[:2]
             window = Window.whole(width, height)
         relative = not embedded.metric if self.relative is None else self.relative
-        relative = relative or (self.relative_estimate and bool(notes))
+        relative = relative or (self.relative_estimate and bool(estimator))
         values, focus = _rescaled(embedded, relative)
         return DepthMap(
             values=values,
@@ -94,8 +94,7 @@ class EmbeddedDepth:
             camera=full_frame_camera(photo.camera, window.width, window.height),
             focus=focus,
             all_in_focus=embedded.all_in_focus,
-            notes=notes,
-            assumptions=() if relative else _assumptions(embedded, photo.camera),
+            assumptions=_assumptions(embedded, photo.camera, estimator, relative=relative),
         )
 
     def _from_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:
@@ -113,12 +112,14 @@ class EmbeddedDepth:
         return replace(depth, values=values, kind="relative", camera=None, filtered=None)
 
 
-def _assumptions(embedded: PhoneDepth, camera: Camera | None) -> tuple[str, ...]:
-    """Return the assumed distances and focal length of a metric render."""
-    assumptions = []
-    if not embedded.metric:
+def _assumptions(
+    embedded: PhoneDepth, camera: Camera | None, estimator: str, *, relative: bool
+) -> tuple[str, ...]:
+    """Return the estimator of a map, and the assumed distances and focal length of a metric render."""
+    assumptions = [f"depth estimated by {estimator}"] if estimator else []
+    if not relative and not embedded.metric:
         assumptions.append(f"nearest point at {_NEAREST_DISTANCE / 1000:g} m, farthest at infinity")
-    if not has_view(camera):
+    if not relative and not has_view(camera):
         assumptions.append(f"{DEFAULT_FOCAL_LENGTH:g} mm on full frame")
     return tuple(assumptions)
 

@@ -29,7 +29,7 @@ from bokehnet.scene.depth.missing_data import (
 )
 from bokehnet.settings.scene_settings import CameraSettings
 
-__all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity"]
+__all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity", "map_camera"]
 
 # Maximum range of a map, relative to its largest value, that counts as constant.
 _MAX_CONSTANT_RANGE = 0.02
@@ -179,8 +179,8 @@ class MetricDepth:
         _check_source("depth", self.map)
         camera = photo.camera
         stored = _stored("depth", self.map, self.channel, self.coding, self.holes, photo)
-        if not isinstance(self.map, np.ndarray) and Path(self.map).suffix.lower() not in NUMPY_EXTENSIONS:
-            camera = merged_camera(camera, _camera_of(Path(self.map)))
+        if not isinstance(self.map, np.ndarray):
+            camera = merged_camera(camera, map_camera(Path(self.map)))
         if self.near is not None and self.far is not None:
             values, reading, notes = self._between_planes(stored, photo)
         else:
@@ -215,6 +215,7 @@ class MetricDepth:
                 f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
                 "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
             )
+
         unit, numbers = self.unit or "m", stored.numbers
         missing = find_missing_depth(
             numbers, stored.largest_integer, is_disparity=self._is_disparity, no_data=self.no_data
@@ -222,6 +223,7 @@ class MetricDepth:
         if missing.counts["negative"] > numbers.size / 2:
             raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
+
         disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
         values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
         return values, (f"depth in {unit}", *stored.reading, *reading), (*stored.notes, *notes)
@@ -299,8 +301,14 @@ def _name_of(source: Path | str | npt.NDArray[np.floating], otherwise: str) -> s
     return otherwise if isinstance(source, np.ndarray) else str(source)
 
 
-def _camera_of(path: Path) -> Camera | None:
-    """Return the camera data in the first part of an EXR file."""
+def map_camera(path: Path) -> Camera | None:
+    """Return the camera data in the header of a depth map; None unless it is an EXR that has some.
+
+    Raises:
+        ImageFileError: The file cannot be read.
+    """
+    if path.suffix.lower() in NUMPY_EXTENSIONS:
+        return None
     with ImageFile(path) as file:
         return None if file.headers is None else camera_from_exr(file.attributes(file.parts[0]))
 

@@ -74,7 +74,7 @@ def _guide(image: Array | None, height: int, width: int) -> Array:
 
 
 @njit(cache=True)
-def _color_distance(colors, y, x, b, a):  # type: ignore[no-untyped-def]
+def _color_distance(colors, y, x, b, a):
     """Return the Euclidean distance of two colours above the noise."""
     total = np.float32(0)
     for c in range(3):

@@ -16,7 +16,7 @@ from bokehnet.io.exr.header import is_exr
 from bokehnet.io.maps import depth_to_mm
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
-from bokehnet.optics.over import transmittance
+from bokehnet.optics.pixels.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 
 __all__ = ["LayeredDepth", "flattened", "make_layers", "read_layers"]

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ImageFileError
-from bokehnet.scene.depth.hole_filling import fill_holes
 
 __all__ = ["Holes", "MissingData", "filled_map", "find_missing_depth", "find_missing_disparity"]
 
@@ -168,6 +167,8 @@ def filled_map(
         raise ImageFileError(
             f"{fact}; `depth.holes` fill fills them from the surfaces around; sky is infinite depth"
         )
+    from bokehnet.scene.depth.hole_filling import fill_holes  # imports numba, 0.2 s
+
     filled = fill_holes(values, image)
     note = f"{fact}; filled along the surfaces of the picture, which `depth.holes` error refuses"
     return filled, (f"{share} of the map without data filled",), (note, *missing.notes)

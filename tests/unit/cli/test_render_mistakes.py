@@ -115,7 +115,7 @@ def test_disparity_that_is_not_finite_is_told_with_its_place(fails, value, write
     disparity = np.linspace(0, 1, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
     disparity[3, 7] = value
     write_channels("bad.exr", Y=disparity)
-    fails([*PHOTO, "--disparity", "bad.exr", *SIZES], "bad.exr", "NaN or infinite", "x=7, y=3")
+    fails([*PHOTO, "--disparity", "bad.exr", *SIZES, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
 
 
 @pytest.mark.parametrize("value", [0, -2.5, np.nan, -np.inf])
@@ -123,7 +123,7 @@ def test_depth_that_is_not_above_zero_is_told_with_its_place(fails, value, write
     depth = np.full((HEIGHT, WIDTH), 2.0)
     depth[3, 7] = value
     write_channels("bad.exr", Z=depth)
-    fails([*PHOTO, "--depth", "bad.exr", *LENS], "bad.exr", "not above 0", "x=7, y=3")
+    fails([*PHOTO, "--depth", "bad.exr", *LENS, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
 
 
 @pytest.mark.parametrize(
@@ -171,3 +171,19 @@ def test_a_manifest_that_is_none(fails, folder, text, words):
     (folder / "weights").mkdir()
     (folder / "weights" / "manifest.json").write_text(text)
     fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)
+
+
+def test_the_checks_before_a_render_import_no_kernels(python_process):
+    """Mistakes are reported within half a second of processor time, of which numba would take 0.2 s."""
+    outcome = python_process(
+        "import sys, bokehnet.cli.app, bokehnet.cli.render.checks\n"
+        "sys.exit(', '.join({'numba', 'onnxruntime', 'torch'} & set(sys.modules)) or 0)"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_depth_in_a_numpy_file_with_options_for_the_camera(folder, cli):
+    np.save("z.npy", np.tile(np.linspace(1, 4, WIDTH, dtype=np.float32), (HEIGHT, 1)))
+    assert cli(*PHOTO, "--depth", "z.npy", *LENS, "-o", "out.png").code == 0
+    outcome = cli(*PHOTO, "--depth", "z.npy", *LENS[2:], "-o", "out2.png")
+    assert "--depth needs --focal-length" in outcome.err

@@ -12,10 +12,10 @@ from bokehnet.errors import ImageFileError, MissingExtraError, ParameterError
 from bokehnet.io.color.color_space import COLOR_SPACES
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.containers.png import png_chunks, write_png
+from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.info import image_info
-from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")

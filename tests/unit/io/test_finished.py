@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.io.finished import is_finished
+from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.image import IMAGE_EXTENSIONS, write_image
 
 PICTURE = np.random.default_rng(0).random((40, 56, 3), dtype=np.float32)

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
 from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
+from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image, write_image
-from bokehnet.io.output_format import OutputFormat
 from tests.unit.io.exr_files import read_channels, read_spec, write_exr
 
 RNG = np.random.default_rng(0)

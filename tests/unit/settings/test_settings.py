@@ -16,7 +16,7 @@ from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.io.depth.false_colors import COLOR_MAPS
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS
 from bokehnet.io.depth.units import DEPTH_UNITS
-from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
+from bokehnet.io.formats.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.sliders import AberrationSliders
@@ -65,6 +65,8 @@ def kind(known):
         return "choice"
     if "tuple" in str(known.type):
         return "numbers"
+    if "Literal" in str(known.type):  # a number or one of some words
+        return "number"
     return {float: "number", int: "number", bool: "truth", str: "text", Path: "path"}[known.type]
 
 
@@ -203,7 +205,7 @@ VALID = [
         "engine": {"name": "rays"},
     },
     {"input": {"depth": "a.png"}, "depth": {"near": math.inf, "far": 0.1, "kind": "zbuffer"}},
-    {"input": {"defocus": "a.exr"}},
+    {"input": {"defocus": "a.exr"}, "highlights": {"strength": 0.5}},
     {"input": {"layers": "a.exr"}},
     {"input": {"depth_model": "a.onnx", "depth_convention": "midas"}, "focus": {"at": (3, -4)}},
     {"input": {"constant_disparity": 0.5}, "focus": {"range": (math.inf, 0.5)}},
@@ -391,6 +393,8 @@ def test_numbers_of_other_kinds_become_pythons_own():
         ({"color": {"equaliser": (1, 2)}}, "color.equaliser"),
         ({"color": {"equaliser": "gains.txt"}, "lens": {"coma": 2}}, "color.equaliser"),
         ({"highlights": {"gain": 8}}, "highlights.gain"),
+        ({"highlights": {"gain": 8, "threshold": "off"}}, "highlights.gain"),
+        ({"highlights": {"strength": 2, "threshold": 0.9}}, "highlights.strength"),
         ({"effects": {"vignette_radius": 0.3}}, "effects.vignette_radius"),
         ({"effects": {"vignette_softness": 0.3}}, "effects.vignette_softness"),
         ({"effects": {"vignette_roundness": 0.3}}, "effects.vignette_roundness"),

@@ -68,7 +68,7 @@ HIDES_NOTHING = np.float32(2)
 
 
 @njit(cache=True, parallel=True)
-def _mark_last(cells):  # type: ignore[no-untyped-def]
+def _mark_last(cells):
     """Set the coverage to ``HIDES_NOTHING`` in opaque layers without another depth behind them."""
     height, width, layers = cells.shape[:3]
     for y in prange(height):
@@ -94,7 +94,7 @@ def layer_cells(layers: Layers) -> np.ndarray:
 
 
 @njit(cache=True, forceinline=True)
-def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
+def _at_other_outline(where, way, column, row):
     """Return the mask of rays at an outline in another pixel than the adjacent rays, which cross theirs.
 
     Args:
@@ -116,7 +116,7 @@ def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):
     """Write the first surface on each of eight rays.
 
     Positions beyond the border read the border's pixel. In long ranges of the defocus, tiles in which a ray
@@ -286,7 +286,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
 
 
 @njit(cache=True)
-def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: ignore[no-untyped-def]
+def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):
     """Write where eight rays meet the only, smooth surface; arguments as for :func:`intersect`.
 
     A ray meets the surface at the defocus s that the surface has at the ray's position for s. Each iteration

@@ -72,7 +72,7 @@ _GOLDEN = 0.6180339887498949
 
 
 @njit(cache=True)
-def scramble(x, y, seed):  # type: ignore[no-untyped-def]
+def scramble(x, y, seed):
     """Return a hash of a pixel, 0 up to 2^32."""
     whole = np.uint64(0xFFFFFFFF)
     h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
@@ -85,7 +85,7 @@ def scramble(x, y, seed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fair_stride(count):  # type: ignore[no-untyped-def]
+def fair_stride(count):
     """Return a step through ``count`` rows that visits all and spreads each thread's rows evenly."""
     stride = max(1, int(0.618 * count))
     while math.gcd(stride, count) > 1:
@@ -94,7 +94,7 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _vignette(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
+def _vignette(u, v, front, back, shift_x, shift_y, radius):
     """Return the weights in front of and behind focus of rays that pass a circle; see ``keep_within``."""
     return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(
         u, v, shift_x, shift_y, radius, back
@@ -102,13 +102,13 @@ def _vignette(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-u
 
 
 @njit(cache=True, forceinline=True)
-def _ray_of(ray, start_x, start_y):  # type: ignore[no-untyped-def]
+def _ray_of(ray, start_x, start_y):
     """Return origin and direction of rays from E and A of ``ray`` and their starts, lanes."""
     return start_x - ray[0], start_y - ray[1], ray[2], ray[3]
 
 
 @njit(cache=True, forceinline=True)
-def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: ignore[no-untyped-def]
+def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):
     """Return E and A of rays with chromatic aberration: axial at ``at``, lateral ``pattern`` values later."""
     axial = broadcast8(factors[0]) * load8(fringes, at)
     lateral = broadcast8(factors[1]) * load8(fringes, pattern + at)
@@ -117,7 +117,7 @@ def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: i
 
 
 @njit(cache=True, forceinline=True)
-def _read_hits(hits, way, pair):  # type: ignore[no-untyped-def]
+def _read_hits(hits, way, pair):
     """Return weight, layer, defocus and squared blur of the hits of eight rays; weight 0 without a hit.
 
     ``pair``: weights in front of and behind focus.
@@ -131,7 +131,7 @@ def _read_hits(hits, way, pair):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
+def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):
     """Return the part of ``weight`` that no picture shows: behind the first layer or beyond the border."""
     zero = broadcast8(np.float32(0))
     hidden = select8(less8(zero, layer), weight, zero)
@@ -143,7 +143,7 @@ def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border
 
 
 @njit(cache=True, parallel=True)
-def _march(  # type: ignore[no-untyped-def]
+def _march(
     colors,
     cells,
     rays_mask,

@@ -3,6 +3,7 @@
 ``huggingface_hub`` reads its variables when it is imported, which is why.
 """
 
+import contextlib
 import json
 import os
 import subprocess
@@ -107,6 +108,53 @@ def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path
     assert done.returncode == 0, done.stderr
     assert "depth estimated by tiny" in done.stdout + done.stderr
     assert json.loads(done.stdout)["largest_blur_px"] > 0.1
+
+
+@pytest.fixture
+def on_terminal(hub, tmp_path):
+    """Run a command with a terminal as stdin and stderr, and type an answer."""
+    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
+
+    def call(answer, *words):
+        ours, theirs = pty.openpty()
+        clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
+        told = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-c", RUN, *words],
+            cwd=tmp_path,
+            env=clean | told | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=theirs,
+            stderr=theirs,
+            stdout=subprocess.DEVNULL,
+        )
+        os.close(theirs)
+        os.write(ours, answer.encode())
+        shown = b""
+        with contextlib.suppress(OSError):  # the other end is closed
+            while block := os.read(ours, 4096):
+                shown += block
+        os.close(ours)
+        return process.wait(120), shown.decode()
+
+    return call
+
+
+@pytest.mark.slow
+def test_a_photo_alone_is_rendered_after_one_question_on_a_terminal(on_terminal, hub, tmp_path):
+    code, shown = on_terminal("n\n", "render", "photo.png")
+    assert (code, "1 kB" in shown, "licence mit" in shown) == (1, True, True), shown
+    assert f"{tmp_path / 'cache'}" in shown.replace("\r\n", "")
+    assert "download declined" in shown
+    assert (hub.asked, stored(tmp_path), (tmp_path / "photo_bokeh.png").exists()) == ([], [], False)
+
+    code, shown = on_terminal("y\n", "render", "photo.png", "--engine", "scatter")
+    assert (code, shown.count("Download it?")) == (0, 1), shown
+    assert "depth estimated by tiny" in shown
+    assert "blur up to 4 % of the longer side" in shown
+    assert (tmp_path / "photo_bokeh.png").exists()
+    code, shown = on_terminal("", "render", "photo.png", "--engine", "scatter")
+    assert (code, "Download it?" in shown) == (0, False)
+    assert (tmp_path / "photo_bokeh_2.png").exists()
 
 
 @pytest.mark.slow

@@ -73,6 +73,7 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "pixel_filter_confidence": None,
         "assumptions": [],
         "reading": ["map bright is near"],
+        "recovered_light": "",
         "notes": [],
     }
 

@@ -2,8 +2,8 @@
 
 import re
 
-from bokehnet.lenses.files.glasses import GlassCatalogues, approximate, plain_name
-from bokehnet.lenses.files.old_glasses import OLD_GLASSES
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues, approximate, plain_name
+from bokehnet.lenses.files.glass.old_glasses import OLD_GLASSES
 from bokehnet.lenses.files.structure import FileLens, fail
 from bokehnet.optics.spectral.glass import FormulaGlass, Glass
 

@@ -29,7 +29,7 @@ from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.surface_textures import surface_texture
 
-__all__ = ["CAMERAS", "LIGHT", "MATTER", "CameraCurve", "LightCase", "cases"]
+__all__ = ["CAMERAS", "LIGHT", "MATTER", "CameraCurve", "LightCase", "cases", "decoded", "make_case"]
 
 _CONFIG = SynthConfig(seed=1, scenes=1, width=384, height=256)
 _HALF = np.array([_CONFIG.sensor_width / 2, _CONFIG.sensor_width / 2 * 256 / 384]) / _CONFIG.sensor_distance
@@ -46,13 +46,11 @@ class CameraCurve:
         shoulder: Linear light from which values are compressed; 1 clips hard.
         top: Stored value of clipped light, 8 bit.
         white: Linear light that is stored as ``top``.
-        jpeg: Quality of the JPEG; None for PNG.
     """
 
     shoulder: float = 1.0
     top: int = 255
     white: float = 1.0
-    jpeg: int | None = None
 
     def store(self, light: np.ndarray) -> np.ndarray:
         """Return the stored picture (H, W, 3) uint8 of scene-linear light."""
@@ -94,7 +92,11 @@ class LightCase:
 
 
 def _card(
-    rgb: np.ndarray, alpha: np.ndarray | None, middle: tuple[float, float], half: tuple[float, float], near: float
+    rgb: np.ndarray,
+    alpha: np.ndarray | None,
+    middle: tuple[float, float],
+    half: tuple[float, float],
+    near: float,
 ) -> Plane:
     """Return a plane that faces the lens; ``middle`` and ``half`` are fractions of the half picture."""
     depth = _CONFIG.nearest_distance / near
@@ -157,7 +159,9 @@ def _window(rng: np.random.Generator) -> Scene:
         bar = np.full((8, 8, 3), 0.05, np.float32)
         planes.append(_card(bar, None, middle, (0.02, half[1]), near * 1.05))
         planes.append(_card(bar, None, middle, (half[0], 0.03), near * 1.05))
-    return Scene(background=_far(wall, near * 0.9), planes=(*planes, _subject(rng, float(rng.uniform(0.05, 0.25)))))
+    return Scene(
+        background=_far(wall, near * 0.9), planes=(*planes, _subject(rng, float(rng.uniform(0.05, 0.25))))
+    )
 
 
 def _night(rng: np.random.Generator) -> Scene:
@@ -199,6 +203,22 @@ def _cards(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(wall, 0.1), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.3)))))
 
 
+def _houses(rng: np.random.Generator) -> Scene:
+    """Return white houses and signs in the farthest layer, lit by the sun, with trees before them."""
+    planes = []
+    for _ in range(rng.integers(2, 6)):
+        white = _white_shading(rng, (160, 200), float(rng.uniform(0.8, 1.15)))
+        middle = (float(rng.uniform(-0.9, 0.9)), float(rng.uniform(-0.8, 0.3)))
+        size = float(rng.uniform(0.08, 0.35))
+        planes.append(_card(white, None, middle, (size, size * 1.2), 0.05))
+    for _ in range(rng.integers(1, 4)):
+        alpha = draw_shape(THIN_SHAPES if rng.random() < 0.7 else OPEN_SHAPES, 300, 300, rng)
+        middle = (float(rng.uniform(-1, 1)), float(rng.uniform(-0.4, 0.6)))
+        planes.append(_card(_textured(rng, 0.06, (300, 300)), alpha, middle, (0.9, 1.2), 0.15))
+    wall = _textured(rng, float(rng.uniform(0.05, 0.25)))
+    return Scene(background=_far(wall, 0.04), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.3)))))
+
+
 def _petals(rng: np.random.Generator) -> Scene:
     """Return pale petals and small bright spots of matter before leaves."""
     planes = []
@@ -230,13 +250,23 @@ def _wall(rng: np.random.Generator) -> Scene:
     """Return a white wall with a patch of sun."""
     light = np.float32(rng.uniform(0.45, 0.8)) * np.ones((256, 384, 1))
     patch = draw_shape(SOLID_SHAPES, 256, 384, rng)[..., None]
-    wall = light * (1 + patch * rng.uniform(0.5, 0.9)) * (1 + 0.05 * (fractal_noise(256, 384, rng)[..., None] - 0.5))
+    wall = (
+        light
+        * (1 + patch * rng.uniform(0.5, 0.9))
+        * (1 + 0.05 * (fractal_noise(256, 384, rng)[..., None] - 0.5))
+    )
     return Scene(background=_far(wall * np.array([1, 0.98, 0.94]), 0.1), planes=(_subject(rng, 0.2),))
 
 
-LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {"sky": _sky, "window": _window, "night": _night}
+LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {
+    "sky": _sky,
+    "window": _window,
+    "night": _night,
+    "lamps": _night,  # with the halo of the lens
+}
 MATTER: dict[str, Callable[[np.random.Generator], Scene]] = {
     "cards": _cards,
+    "houses": _houses,
     "petals": _petals,
     "snow": _snow,
     "wall": _wall,
@@ -264,7 +294,7 @@ def make_case(kind: str, seed: int) -> LightCase:
     """Trace a scene of a kind of :data:`LIGHT` or :data:`MATTER`."""
     rng = np.random.default_rng([seed, *map(ord, kind)])
     halo = kind == "lamps"
-    scene = (LIGHT | MATTER | {"lamps": _night})[kind](rng)
+    scene = (LIGHT | MATTER)[kind](rng)
     focus = 0.9
 
     def camera(blur: float) -> Camera:

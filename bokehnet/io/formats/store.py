@@ -14,9 +14,7 @@ from bokehnet.io.color.color_space import LINEAR_REC709, SRGB, ColorSpace, chrom
 from bokehnet.io.color.dither import quantise
 from bokehnet.io.containers.png import compressed_profile, text_chunk
 from bokehnet.io.formats.encode import encode
-from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
-from bokehnet.io.metadata.photo_metadata import Metadata, add_metadata
-from bokehnet.io.output_format import (
+from bokehnet.io.formats.output_format import (
     Bits,
     OutputFormat,
     choose_bits,
@@ -24,6 +22,8 @@ from bokehnet.io.output_format import (
     profile_to_embed,
     target_space,
 )
+from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
+from bokehnet.io.metadata.photo_metadata import Metadata, add_metadata
 from bokehnet.progress import Progress
 
 __all__ = ["SourceFile", "store_picture"]

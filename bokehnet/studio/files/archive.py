@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError, errors_of_file
-from bokehnet.studio.uploads import MAX_BYTES, safe_name
+from bokehnet.studio.files.uploads import MAX_BYTES, safe_name
 
 __all__ = ["read_session", "write_session"]
 

@@ -4,7 +4,7 @@ import stat
 import pytest
 
 from bokehnet.errors import DataFileError, ImageFileError
-from bokehnet.io.atomic import check_target, write_atomic
+from bokehnet.io.files.atomic import check_target, write_atomic
 
 
 def test_the_file_appears_whole_and_nothing_else_is_left(tmp_path):
@@ -51,7 +51,7 @@ def test_a_full_disk_is_the_asked_error_and_keeps_the_older_file(tmp_path, pytho
     source = """
 import resource, sys
 from bokehnet.errors import DataFileError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.files.atomic import write_atomic
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     write_atomic(sys.argv[1], lambda file: file.write_bytes(bytes(5000)), error=DataFileError)
@@ -69,7 +69,7 @@ def test_missing_room_is_found_before_anything_is_written(tmp_path, python_proce
     source = """
 import resource, sys
 from bokehnet.errors import ImageFileError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.files.atomic import write_atomic
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     write_atomic(sys.argv[1], lambda temporary: print("called"), room=2000)
