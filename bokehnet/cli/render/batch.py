@@ -15,8 +15,8 @@ from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.cli.render.summary import FrameSummary, SummaryPrinter
 from bokehnet.cli.render.workers import render_here, render_in_processes
 from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
-from bokehnet.io.output_format import IMAGE_EXTENSIONS
 from bokehnet.sequence.sequence import input_files
 from bokehnet.settings.settings import RenderSettings
 
