@@ -92,7 +92,8 @@ class StoredDepth:
     Examples:
         >>> from bokehnet.io.video.display_matrix import DisplayMatrix
         >>> from bokehnet.scene.scene import make_scene
-        >>> stored = RelativeDisparity(map=np.eye(32, 48, dtype=np.float32), as_stored=True)
+        >>> ramp = np.tile(np.linspace(0.1, 0.9, 48, dtype=np.float32), (32, 1))
+        >>> stored = RelativeDisparity(map=ramp, as_stored=True)
         >>> source = StoredDepth(source=stored, display=DisplayMatrix(transposed=True))
         >>> make_scene(np.ones((48, 32, 3), np.float32), source).depth.values.shape
         (48, 32)

@@ -114,7 +114,7 @@ def test_a_still_video_has_no_transformation(tmp_path):
 
 
 def test_pictures_before_an_edit_list_are_left_out_and_a_late_start_is_kept(tmp_path):
-    """Authority: FFmpeg, whose decoder drops the three pictures before time zero; the shift of the times."""
+    """Authority: FFmpeg's decoder, which drops three pictures before time zero; the shift of the times."""
     write(tmp_path / "whole.mp4", codec="libx264", pixels="yuv420p", frames=12)
     write(tmp_path / "late.mkv", frames=3, start=120)
     with (
