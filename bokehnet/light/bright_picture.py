@@ -121,9 +121,15 @@ class BrightPicture:
         light, count = (sums.at(rows, columns).astype(np.float64) for sums in self._dark)
         return np.where(count > 0.5, light / np.maximum(count, 1) / self.level, self.config.bright)
 
+    def relative_nearness(self, rows: Indices, columns: Indices) -> Floats:
+        """Return the nearness of pixels (N,), 0 for the farthest to 1; 0 for all without a map."""
+        if self.nearness is None:
+            return np.zeros(len(rows))
+        low, high = float(self.nearness.min()), float(self.nearness.max())
+        return (self.nearness[rows, columns].astype(np.float64) - low) / max(high - low, 1e-30)
+
     def is_far(self, rows: Indices, columns: Indices) -> Mask:
         """Return whether pixels (N,) are in the farthest layer; False for all without a map."""
         if self.nearness is None:
             return np.zeros(len(rows), bool)
-        low, high = float(self.nearness.min()), float(self.nearness.max())
-        return np.asarray(self.nearness[rows, columns] <= low + self.config.far * (high - low))
+        return np.asarray(self.relative_nearness(rows, columns) <= self.config.far)
