@@ -6,7 +6,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from bokehnet.studio.archive import read_session, write_session
 
 from bokehnet.errors import BokehnetError, ConfigError
 from bokehnet.io.channels import write_channels
