@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.depth_repair.stages.edge_sharpening import (
-    MIN_EDGE_HEIGHT,
-    local_extremes,
-    repair_soft_edges,
-    soft_edge_fraction,
-)
-from bokehnet.depth_repair.stages.weighted_median import snap_blurred_edges
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import local_extremes
+from bokehnet.depth_repair.stages.deblur import snap_soft_edges
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
@@ -130,7 +127,7 @@ class FilteredShot:
             values = values / np.float32(scale)
             low, high = min(low, float(values.min())), max(high, float(values.max()))
             if len(softness) <= index / _SHARPNESS_INTERVAL_FRAMES:
-                softness.append(soft_edge_fraction(values, by_size=False))
+                softness.append(soft_edge_fraction(values))
             picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
             past = accumulate(values, _light(picture), _if_same_size(past, values))
             np.save(self._file("picture", index), picture)
@@ -172,7 +169,7 @@ def _sharpened(filtered: Array, picture: Array, span: float) -> Array:
     sharp = repair_soft_edges(filtered, span)
     low, high = local_extremes(sharp, _EDGE_RADIUS_PX)
     light = np.asarray(srgb_to_linear(picture), np.float32)
-    return np.asarray(snap_blurred_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span), np.float32)
+    return np.asarray(snap_soft_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span), np.float32)
 
 
 def _light(picture: npt.NDArray[np.uint8]) -> Array:

@@ -29,7 +29,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.stages.edge_sharpening import local_extremes
+from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.line_profile import (
     CONTRAST_RADIUS_PX,
     STEP_PX,
