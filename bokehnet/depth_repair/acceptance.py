@@ -5,7 +5,7 @@ evidence is the edge profile (:mod:`bokehnet.depth_repair.edge_profile`), which 
 changes uses at a single place.
 
 Method: the agreement of edges near changed pixels is averaged, in the old and in the new map, in windows of
-56x56 pixels and shrunk towards the mean of the whole map (additive smoothing with a pseudo-count). A change
+40x40 pixels and shrunk towards the mean of the whole map (additive smoothing with a pseudo-count). A change
 is accepted where the mean rises by a minimum gain.
 
 In: the picture, scene-linear (3, H, W), and both maps, (H, W), in one unit. Out: the blocks of 8x8 pixels in

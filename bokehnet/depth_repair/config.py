@@ -48,6 +48,6 @@ class RepairConfig:
     max_shift_px: int = 7
     min_certainty: float = 0.1
     min_shift_gain: float = 0.15
-    agreement_window_blocks: int = 3
-    agreement_prior: float = 50.0
-    min_gain: float = 0.1
+    agreement_window_blocks: int = 2
+    agreement_prior: float = 150.0
+    min_gain: float = 0.2

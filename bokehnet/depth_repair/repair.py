@@ -234,9 +234,17 @@ class DisparityRepair:
             if "snap" in stages:
                 repaired = snap_soft_edges(colors, repaired, mask, span)
         if "thin" in stages:
+            without = repaired
             repaired = restore_thin_structures(
                 colors, repaired, MIN_EDGE_HEIGHT * span, spread=soft is None
             )
+            # Traced lines have rough borders, and the network leaves haze around pieces of lines.
+            rough = repaired != without
+            if soft is None:
+                rough |= soft_pixels(repaired, MIN_EDGE_HEIGHT * span) & ~soft_pixels(
+                    start, MIN_EDGE_HEIGHT * span
+                )
+            repaired = snap_soft_edges(colors, repaired, local_extremes(rough, 1)[1], span)
         return repaired
 
 

@@ -63,19 +63,19 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
     if not len(edges.weights):
         return Placement()
     reach = range(-config.max_shift_px, config.max_shift_px + 1)
-    best, score = Placement(), edges.agreement()[0]
+    best, (score, error) = Placement(), edges.agreement()
     # From the simplest displacement to the one with all three parameters.
     for candidate in (
         _best([(0, 0)], reach, edges),
         _best_offset(edges, range(1), config.max_shift_px),
         _best_offset(edges, reach, config.max_shift_px),
     ):
-        agreement, error = edges.agreement(_displacement(edges, candidate))
+        if candidate == Placement():
+            continue
+        moved, agreement, error = _verified(image, disparity, candidate)
         gain = agreement - score - 2 * error
         if agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement:
-            best, score = candidate, agreement
-    if best.growth:
-        best = _verified(image, disparity, best)
+            best, score = moved, agreement
     return best
 
 
@@ -100,16 +100,20 @@ def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
     return _best(around, near, edges)
 
 
-def _verified(image: np.ndarray, disparity: np.ndarray, placement: Placement) -> Placement:
-    """Return the placement with the growth whose morphology agrees best with the picture.
+def _verified(
+    image: np.ndarray, disparity: np.ndarray, placement: Placement
+) -> tuple[Placement, float, float]:
+    """Return the placement whose displaced map agrees best with the picture, its agreement and the error.
 
-    Dilation with a square window moves oblique edges farther than others.
+    Dilation with a square window moves oblique edges farther than others, so that growths near that of the
+    edges compete.
     """
     moved = translate_map(disparity, placement.offset)
+    near = range(placement.growth - 1, placement.growth + 2) if placement.growth else range(1)
     agreements = {
-        growth: sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement()
-        for growth in range(placement.growth - 1, placement.growth + 2)
+        growth: sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement() for growth in near
     }
     growth = max(agreements, key=lambda pixels: agreements[pixels][0])
     agreement, error = agreements[growth]
-    return Placement(offset=placement.offset, growth=growth, certainty=agreement - 2 * error)
+    verified = Placement(offset=placement.offset, growth=growth, certainty=agreement - 2 * error)
+    return verified, agreement, error
