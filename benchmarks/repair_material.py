@@ -1,4 +1,4 @@
-"""Material of the repair benchmark: small path-traced scenes, and the maps that depth estimators make of them.
+"""Material of the repair benchmark: small path-traced scenes, and the maps of depth estimators.
 
 Scenes come from :mod:`bokehnet.synth.clutter` with photographs that no training scene shows; views from
 displaced pupils give light fields and stereo pairs. All functions are seeded.
@@ -267,7 +267,7 @@ def plane_sweep(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     Source:
         Collins, "A space-sweep approach to true multi-image matching", CVPR 1996.
     """
-    views, steps = _encoded(scene.views), np.linspace(-1, 1, len(scene.views)) * _MAX_PARALLAX_PX
+    views, steps = _encoded(scene.views).mean(-1), np.linspace(-1, 1, len(scene.views)) * _MAX_PARALLAX_PX
     views = views + np.float32(0.004) * rng.standard_normal(views.shape, np.float32)
     centre = views[len(views) // 2, len(views) // 2]
     hypotheses, costs = np.linspace(*scene.parallax, _HYPOTHESES), []
@@ -278,11 +278,8 @@ def plane_sweep(scene: Scene, rng: np.random.Generator) -> np.ndarray:
             for j, right in enumerate(steps):
                 if i % 2 == 0 and j % 2 == 0 and (i, j) != (len(steps) // 2,) * 2:
                     place = [y - value * down, x - value * right]
-                    shifted = np.stack(
-                        [map_coordinates(views[i, j, ..., c], place, order=1, mode="nearest") for c in range(3)],
-                        -1,
-                    )
-                    differences.append(uniform_filter(np.abs(shifted - centre).mean(-1), 3))
+                    shifted = map_coordinates(views[i, j], place, order=1, mode="nearest")
+                    differences.append(uniform_filter(np.abs(shifted - centre), 3))
         costs.append(np.sort(differences, 0)[: len(differences) // 2].mean(0))
     return _relative(scene, _best_hypothesis(np.array(costs), hypotheses))
 
@@ -459,7 +456,10 @@ def _moved(values: np.ndarray, _: np.random.Generator, *, offset: tuple[int, int
     """Return the map displaced down and to the right, its border repeated."""
     padding = [(max(pixels, 0), max(-pixels, 0)) for pixels in offset]
     padded = np.pad(values, padding, "edge")
-    rows, columns = (slice(max(-pixels, 0), max(-pixels, 0) + side) for pixels, side in zip(offset, values.shape))
+    rows, columns = (
+        slice(max(-pixels, 0), max(-pixels, 0) + side)
+        for pixels, side in zip(offset, values.shape, strict=True)
+    )
     return padded[rows, columns]
 
 

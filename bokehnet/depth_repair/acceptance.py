@@ -32,9 +32,7 @@ def changed_pixels(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return np.abs(new - old) > 0.5 * MIN_EDGE_HEIGHT * float(np.ptp(old))
 
 
-def accepted_blocks(
-    image: np.ndarray, old: np.ndarray, new: np.ndarray, config: RepairConfig
-) -> np.ndarray:
+def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config: RepairConfig) -> np.ndarray:
     """Return the blocks in which the picture agrees better with the new map, (H / 8, W / 8) bool, rounded up.
 
     Args:

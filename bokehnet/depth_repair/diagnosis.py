@@ -16,7 +16,7 @@ import numpy as np
 
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.edge_profile import sample_edges
-from bokehnet.depth_repair.stages.register import Placement, find_placement
+from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
@@ -46,7 +46,7 @@ class Diagnosis:
 
     noise: float = 0.0
     softness: float = 0.0
-    placement: Placement = Placement()
+    placement: Placement = NO_PLACEMENT
     peak: float = 0.0
     certainty: float = 0.0
 
@@ -92,7 +92,7 @@ def diagnose(
         config: Numbers of the repair.
     """
     profile = sample_edges(image, disparity, _MAX_EDGES).profile()
-    placement = find_placement(image, disparity, config) if "register" in config.stages else Placement()
+    placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     return Diagnosis(
         noise=noise,
         softness=softness,

@@ -52,6 +52,9 @@ _BASE_PROGRESS = 0.8
 # one is used. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
 _MAX_RESIDUAL_RATIO = 0.73
 
+# Accepted fraction of the picture above which the reason names no percentage.
+_WHOLE_FRACTION = 0.995
+
 # Dilation of soft pixels that follow colour edges, pixels.
 _SOFT_DILATION_PX = 2
 
@@ -176,7 +179,7 @@ class DisparityRepair:
             diagnosis = Diagnosis(noise=noise, softness=softness, placement=placement)
         decides = mode == "auto" and plan is None
         if decides and diagnosis.certainty < config.min_certainty:
-            return _result(clean, np.zeros((1, 1), bool), 0.0, diagnosis, scale, "")
+            return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
         proposal = self._propose(
             colors,
             start,
@@ -186,13 +189,13 @@ class DisparityRepair:
         )
         if decides:
             blocks = accepted_blocks(colors, start, proposal, config)
-            pixels = _enlarged(blocks, start.shape)
-            proposal = np.where(pixels, proposal, start)
+            proposal = np.where(_enlarged(blocks, start.shape), proposal, start)
         else:
             blocks = np.ones([-(-side // BLOCK_PX) for side in start.shape], bool)
-        misplaced = float(changed_pixels(start, proposal)[_edge_pixels(start)].mean())
         if not is_soft and not blocks.any():
-            return _result(clean, blocks, misplaced, diagnosis, scale, "")
+            return _result(clean, 0.0, 0.0, diagnosis, scale)
+        near_edges = _edge_pixels(start)
+        misplaced = changed_pixels(small, proposal)[near_edges].sum() / max(near_edges.sum(), 1)
         if scale > 1:
             self._network.release_memory()
         levels = len(maps) - 1
@@ -206,7 +209,8 @@ class DisparityRepair:
             )
         progress(1000, 1000)
         reason = "" if decides else "asked for" if plan is None else "as most of the shot"
-        return _result(proposal, blocks, misplaced, diagnosis, scale, reason)
+        accepted_fraction = 1.0 if is_soft else float(blocks.mean())
+        return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
 
     def _propose(
         self,
@@ -278,13 +282,18 @@ def _enlarged(blocks: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _result(
-    disparity: np.ndarray, blocks: np.ndarray, misplaced: float, diagnosis: Diagnosis, scale: int, reason: str
+    disparity: np.ndarray,
+    accepted_fraction: float,
+    misplaced: float,
+    diagnosis: Diagnosis,
+    scale: int,
+    reason: str = "",
 ) -> RepairedMap:
     """Return the result with its plan and, unless given, its reason.
 
     Args:
         disparity: Map, (H, W).
-        blocks: Blocks in which the repair was accepted, bool.
+        accepted_fraction: Fraction of the picture in which the repair was accepted, 0 to 1.
         misplaced: Fraction of the pixels near edges that changed, 0 to 1.
         diagnosis: Errors of the map at the smallest size.
         scale: Ratio of the full and the smallest size.
@@ -292,9 +301,8 @@ def _result(
     """
     placement = diagnosis.placement
     down, right = placement.offset
-    repaired = bool(blocks.any()) or diagnosis.softness > 1
     plan = RepairPlan(
-        repaired=repaired,
+        repaired=accepted_fraction > 0,
         softness=diagnosis.softness,
         shift=scale * placement.growth,
         offset=(scale * down, scale * right),
@@ -302,8 +310,31 @@ def _result(
     )
     return RepairedMap(
         disparity=disparity.copy(),
-        repaired=repaired,
-        reason=reason,
+        repaired=plan.repaired,
+        reason=reason or _in_words(plan, accepted_fraction, misplaced),
         plan=plan,
         diagnosis=diagnosis,
     )
+
+
+def _in_words(plan: RepairPlan, accepted_fraction: float, misplaced: float) -> str:
+    """Return the errors of a map and their correction, as a photographer would say it."""
+    down, right = plan.offset
+    errors = []
+    if plan.repaired:
+        if plan.shift:
+            width = "narrow" if plan.shift > 0 else "wide"
+            errors.append(f"near things were {abs(plan.shift)} px too {width}")
+        if right:
+            errors.append(f"the map lay {abs(right)} px too far {'left' if right > 0 else 'right'}")
+        if down:
+            errors.append(f"the map lay {abs(down)} px too {'high' if down > 0 else 'low'}")
+        if not errors:
+            errors.append(f"{100 * misplaced:.2g} % of the edges were out of place")
+        where = "" if accepted_fraction > _WHOLE_FRACTION else f" in {100 * accepted_fraction:.0f} % of it"
+        errors.append(f"corrected{where}")
+    else:
+        errors.append("no edge is clearly out of place")
+    if plan.noise:
+        errors.append(f"noise of {100 * plan.noise:.2g} % of its range removed")
+    return "; ".join(errors)

@@ -1,4 +1,4 @@
-"""Enlargement: apply the changes of a repaired small map to the larger map, at the edges of the larger picture.
+"""Enlargement: apply the changes of a repaired small map to the larger map, at the edges of its picture.
 
 Method: changed pixels come from the enlarged small map, whose edges are sharpened; a two-class colour test
 beside each edge then moves it by up to two pixels. The mean colours of the near and the far side in a window

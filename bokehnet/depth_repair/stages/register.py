@@ -21,7 +21,7 @@ from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
-__all__ = ["Placement", "find_placement"]
+__all__ = ["NO_PLACEMENT", "Placement", "find_placement"]
 
 # Maximum number of edge pixels in the search, and spacing of its coarse grid of translations, pixels.
 _MAX_EDGES, _STRIDE_PX = 2000, 2
@@ -49,6 +49,10 @@ class Placement:
         return shift_edges(translate_map(disparity, self.offset), self.growth)
 
 
+# Placement of a map that stays where it is.
+NO_PLACEMENT = Placement()
+
+
 def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfig) -> Placement:
     """Return the displacement with the best agreement; none unless it is significant.
 
@@ -58,19 +62,19 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
         config: Numbers of the repair.
     """
     if min(disparity.shape) < _MIN_SIDE_PX:
-        return Placement()
+        return NO_PLACEMENT
     edges = sample_edges(image, disparity, _MAX_EDGES)
     if not len(edges.weights):
-        return Placement()
+        return NO_PLACEMENT
     reach = range(-config.max_shift_px, config.max_shift_px + 1)
-    best, (score, error) = Placement(), edges.agreement()
+    best, (score, error) = NO_PLACEMENT, edges.agreement()
     # From the simplest displacement to the one with all three parameters.
     for candidate in (
         _best([(0, 0)], reach, edges),
         _best_offset(edges, range(1), config.max_shift_px),
         _best_offset(edges, reach, config.max_shift_px),
     ):
-        if candidate == Placement():
+        if candidate == NO_PLACEMENT:
             continue
         moved, agreement, error = _verified(image, disparity, candidate)
         gain = agreement - score - 2 * error
@@ -92,7 +96,7 @@ def _best(offsets: list[tuple[int, int]], growths: range, edges: EdgeSamples) ->
 
 
 def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
-    """Return the displacement with the best agreement, from a coarse grid of translations to single pixels."""
+    """Return the displacement with the best agreement, from a coarse to a fine grid of translations."""
     coarse = range(-reach + reach % _STRIDE_PX, reach + 1, _STRIDE_PX)
     rough = _best(list(product(coarse, coarse)), growths[::_STRIDE_PX], edges)
     around = [(rough.offset[0] + y, rough.offset[1] + x) for y, x in product((-1, 0, 1), repeat=2)]

@@ -376,9 +376,7 @@ def _mark_lines(picture, disparity, min_height, seeds, colors, is_marked):  # ty
     """Mark seeds at which a line starts."""
     for i in prange(len(seeds)):
         points = np.empty((_MAX_STEPS + _END_DISTANCE_PX, 2))
-        is_marked[i] = (
-            _trace_from_seed(picture, disparity, min_height, seeds[i], colors[i], points) > 0
-        )
+        is_marked[i] = _trace_from_seed(picture, disparity, min_height, seeds[i], colors[i], points) > 0
 
 
 @njit(cache=True)
