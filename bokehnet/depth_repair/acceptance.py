@@ -60,8 +60,8 @@ def _local_agreement(
     counts, sums = np.zeros((2, *(-(-side // BLOCK_PX) for side in disparity.shape)))
     np.add.at(counts, (rows, columns), 1)
     np.add.at(sums, (rows, columns), agreement)
-    prior = config.agreement_prior
-    mean_of_map = sums.sum() / (counts.sum() + prior)
+    prior, prior_of_map = config.agreement_priors
+    mean_of_map = sums.sum() / (counts.sum() + prior_of_map)
     radius = config.agreement_window_blocks
     smooth: np.ndarray = (_window_sums(sums, radius) + prior * mean_of_map) / (
         _window_sums(counts, radius) + prior

@@ -37,7 +37,8 @@ class RepairConfig:
             after it.
         agreement_window_blocks: Half width of the window in which the agreement of both maps with the picture
             is compared, blocks of 8 pixels.
-        agreement_prior: Pseudo-count of edge pixels with the agreement of the whole map.
+        agreement_priors: Pseudo-counts of edge pixels: with the agreement of the whole map in each window,
+            and without agreement in the whole map.
         min_gain: Minimum gain of agreement for a change of the map.
     """
 
@@ -49,5 +50,5 @@ class RepairConfig:
     min_certainty: float = 0.1
     min_shift_gain: float = 0.15
     agreement_window_blocks: int = 2
-    agreement_prior: float = 150.0
+    agreement_priors: tuple[float, float] = (150.0, 50.0)
     min_gain: float = 0.2

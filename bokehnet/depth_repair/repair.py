@@ -239,12 +239,9 @@ class DisparityRepair:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
             # Traced lines have rough borders, and the network leaves haze around pieces of lines.
-            rough = repaired != without
-            if soft is None:
-                rough |= soft_pixels(repaired, MIN_EDGE_HEIGHT * span) & ~soft_pixels(
-                    start, MIN_EDGE_HEIGHT * span
-                )
-            repaired = snap_soft_edges(colors, repaired, local_extremes(rough, 1)[1], span)
+            lines = repaired != without
+            hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
+            repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
         return repaired
 
     def _restore_soft_edges(

@@ -12,6 +12,7 @@ it is, an offset with growth clearly better than either alone.
 In: the picture, scene-linear (3, H, W), and a sharp map (H, W), any unit. Out: a :class:`Placement`.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -109,14 +110,14 @@ def _verified(
 ) -> tuple[Placement, float, float]:
     """Return the placement whose displaced map agrees best with the picture, its agreement and the error.
 
-    Dilation with a square window moves oblique edges farther than others, so that growths near that of the
-    edges compete.
+    A square window moves oblique edges by up to the square root of 2 times its half width, so that smaller
+    growths than that of the edges compete.
     """
-    moved = translate_map(disparity, placement.offset)
-    near = range(placement.growth - 1, placement.growth + 2) if placement.growth else range(1)
-    agreements = {
-        growth: sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement() for growth in near
-    }
+    moved, pixels = translate_map(disparity, placement.offset), abs(placement.growth)
+    agreements = {}
+    for size in range(int(pixels / math.sqrt(2)), pixels + 1):
+        growth = int(math.copysign(size, placement.growth))
+        agreements[growth] = sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement()
     growth = max(agreements, key=lambda pixels: agreements[pixels][0])
     agreement, error = agreements[growth]
     verified = Placement(offset=placement.offset, growth=growth, certainty=agreement - 2 * error)
