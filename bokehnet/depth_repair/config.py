@@ -32,7 +32,7 @@ class RepairConfig:
         base_side_px: Maximum side of the size at which map and picture are compared and the network runs.
         max_shift_px: Upper bound of translation and growth.
         min_certainty: Minimum certainty of the edge profile of a map for any change. Profiles of random maps
-            reach 0.01, those of faulty maps 0.2 and more.
+            reach 0.01, those of interpolated lidar points 0.21, those of faulty maps 0.3 and more.
         min_shift_gain: Minimum gain of certainty by a translation or growth, as a fraction of the certainty
             after it.
         agreement_window_blocks: Half width of the window in which the agreement of both maps with the picture
@@ -43,11 +43,11 @@ class RepairConfig:
     """
 
     stages: frozenset[str] = frozenset(STAGES)
-    noise_range: tuple[float, float] = (0.003, 0.1)
+    noise_range: tuple[float, float] = (0.003, 0.04)
     min_softness: float = 0.25
     base_side_px: int = 1024
     max_shift_px: int = 7
-    min_certainty: float = 0.1
+    min_certainty: float = 0.25
     min_shift_gain: float = 0.15
     agreement_window_blocks: int = 2
     agreement_priors: tuple[float, float] = (150.0, 50.0)

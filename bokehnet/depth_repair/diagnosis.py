@@ -26,8 +26,9 @@ _MIN_SIDE_PX, _MAX_DETAILS = 32, 2**18
 # Median of the absolute value of standard normal deviates.
 _NORMAL_MEDIAN = 0.6745
 
-# Maximum number of edge pixels in the profile of the whole map.
-_MAX_EDGES = 6000
+# Maximum number of edge pixels in the profiles of the whole map, and their scales: edges of coarse maps are
+# scattered around those of the picture.
+_MAX_EDGES, _SCALES = 4000, (1, 2, 3)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,8 +41,9 @@ class Diagnosis:
         placement: Offset and growth, pixels of the size at which they were measured, and their certainty.
         peak: Distance of the edges of the picture from those of the map, pixels; positive towards the near
             side.
-        certainty: Agreement of the map with its picture at that distance. Below ``min_certainty`` of the
-            configuration the map does not follow the picture, or the picture shows no edges.
+        certainty: Best agreement of the map with its picture at a common distance and scale. Below
+            ``min_certainty`` of the configuration the map does not follow the picture, or the picture shows
+            no edges.
     """
 
     noise: float = 0.0
@@ -91,12 +93,12 @@ def diagnose(
         softness: Fraction of soft edges of the input.
         config: Numbers of the repair.
     """
-    profile = sample_edges(image, disparity, _MAX_EDGES).profile()
+    profiles = [sample_edges(image, disparity, _MAX_EDGES, scale=scale).profile() for scale in _SCALES]
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     return Diagnosis(
         noise=noise,
         softness=softness,
         placement=placement,
-        peak=profile.offset,
-        certainty=max(profile.certainty, placement.certainty),
+        peak=profiles[0].offset,
+        certainty=max(placement.certainty, *(profile.certainty for profile in profiles)),
     )

@@ -26,8 +26,9 @@ _MAX_DISTANCE_PX, _SPACING_PX = 9.0, 0.5
 # Distances from a depth edge at which the agreement is known, pixels; positive towards the near side.
 DISTANCES_PX = np.arange(-_MAX_DISTANCE_PX, _MAX_DISTANCE_PX + _SPACING_PX / 2, _SPACING_PX)
 
-# Distances from a peak between which each of its two sides is measured, pixels.
-_SIDES_PX = (1.5, 3.5)
+# Half width of a peak, and distances from it between which each of its two sides is measured, pixels, at
+# scale 1. At scale n, the half width grows by n - 1 pixels, and the sides lie n times as far.
+_PEAK_PX, _SIDES_PX = 0.5, (1.5, 3.5)
 
 # Half length of the difference that measures the gradient, pixels; a multiple of the spacing.
 _HALF_DIFFERENCE_PX = 1.0
@@ -122,6 +123,7 @@ def sample_edges(
     disparity: np.ndarray,
     max_edges: int | None = None,
     mask: np.ndarray | None = None,
+    scale: int = 1,
 ) -> EdgeSamples:
     """Return the depth edges of a map with the gradients of its picture across them.
 
@@ -134,8 +136,10 @@ def sample_edges(
         disparity: Map, (H, W), any unit, rising towards the camera.
         max_edges: Maximum number of edge pixels, evenly spaced in raster order; default: all.
         mask: Pixels whose edges are sampled, (H, W) bool; default: all.
+        scale: Width of the peaks: 1 for edges that lie at one distance, more for edges scattered around it.
     """
-    margin, span = math.ceil(_MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX), float(np.ptp(disparity))
+    reach, span = _MAX_DISTANCE_PX + scale * _SIDES_PX[1], float(np.ptp(disparity))
+    margin = math.ceil(reach + _HALF_DIFFERENCE_PX)
     if span == 0 or min(disparity.shape) <= 2 * margin:
         return EdgeSamples(
             np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0), np.zeros((2, len(DISTANCES_PX), 0), np.float32)
@@ -156,12 +160,12 @@ def sample_edges(
     pixels, normals, centre, ahead, behind = (x[..., ridge] for x in (pixels, normals, centre, ahead, behind))
     vertex = (ahead - behind) / (2 * (2 * centre - ahead - behind))  # of the parabola through three slopes
     places = pixels + vertex * normals
-    return EdgeSamples(places, normals, centre, _heights(_gradients(image, places, normals)))
+    return EdgeSamples(places, normals, centre, _heights(_gradients(image, places, normals, reach), scale))
 
 
-def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return the gradients along each normal divided by their mean, (samples, N)."""
-    reach = _MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX
+def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray, reach: float) -> np.ndarray:
+    """Return the gradients up to some pixels along each normal divided by their mean, (samples, N)."""
+    reach += _HALF_DIFFERENCE_PX
     distances = np.arange(-reach, reach + _SPACING_PX / 2, _SPACING_PX)[:, None]
     light = encode(_sample(image, places[:, None] + distances * normals[:, None]))
     lag = round(2 * _HALF_DIFFERENCE_PX / _SPACING_PX)
@@ -170,9 +174,10 @@ def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray) -> np
     return scaled
 
 
-def _heights(gradients: np.ndarray) -> np.ndarray:
+def _heights(gradients: np.ndarray, scale: int) -> np.ndarray:
     """Return the heights of gradients (samples, N) above both sides, (2, distances, N)."""
-    first, last = (round(distance / _SPACING_PX) for distance in _SIDES_PX)
+    first, last = (round(scale * distance / _SPACING_PX) for distance in _SIDES_PX)
+    width = round((_PEAK_PX + scale - 1) / _SPACING_PX)
     sums = np.concatenate([np.zeros_like(gradients[:1]), gradients.cumsum(0)])
     places = len(gradients) - 2 * last
 
@@ -181,7 +186,7 @@ def _heights(gradients: np.ndarray) -> np.ndarray:
         upper, lower = (sums[last + shift : last + shift + places] for shift in (high + 1, low))
         return np.asarray((upper - lower) / (high + 1 - low), np.float32)
 
-    middle = mean(-1, 1)
+    middle = mean(-width, width)
     return np.array([middle - mean(-last, -first), middle - mean(first, last)])
 
 

@@ -305,10 +305,11 @@ def _result(
         offset=(scale * down, scale * right),
         noise=diagnosis.noise,
     )
+    noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
     return RepairedMap(
         disparity=disparity.copy(),
         repaired=plan.repaired,
-        reason=reason or _in_words(plan, accepted_fraction, misplaced),
+        reason="; ".join(filter(None, [reason or _in_words(plan, accepted_fraction, misplaced), noise])),
         plan=plan,
         diagnosis=diagnosis,
     )
@@ -327,11 +328,9 @@ def _in_words(plan: RepairPlan, accepted_fraction: float, misplaced: float) -> s
         if down:
             errors.append(f"the map lay {abs(down)} px too {'high' if down > 0 else 'low'}")
         if not errors:
-            errors.append(f"{100 * misplaced:.2g} % of the edges were out of place")
+            errors.append(f"{max(1, round(100 * misplaced))} % of the edges were out of place")
         where = "" if accepted_fraction > _WHOLE_FRACTION else f" in {100 * accepted_fraction:.0f} % of it"
         errors.append(f"corrected{where}")
     else:
         errors.append("no edge is clearly out of place")
-    if plan.noise:
-        errors.append(f"noise of {100 * plan.noise:.2g} % of its range removed")
     return "; ".join(errors)

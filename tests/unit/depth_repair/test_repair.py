@@ -129,7 +129,7 @@ def test_repairs_in_large_pictures_do_not_change_thin_structures_elsewhere():
     truth = np.array([0.1, 0.5, 0.9], np.float32)[surface]
     degraded = np.where(x < 128, truth, minimum_filter(truth, 13))
     repair = DisparityRepair(config=RepairConfig(base_side_px=128))
-    result = repair(image.clip(0).astype(np.float32), degraded)
+    result = repair.repair(image.clip(0).astype(np.float32), degraded, "auto").disparity
     disc = np.s_[:, 140:]
     assert np.mean(result[disc] != truth[disc]) < 0.6 * np.mean(degraded[disc] != truth[disc])
     assert np.mean(np.abs(result - truth)[:, :120] > 0.1) < 0.02
