@@ -5,8 +5,9 @@ evidence is the edge profile (:mod:`bokehnet.depth_repair.edge_profile`), which 
 changes uses at a single place.
 
 Method: the agreement of edges near changed pixels is averaged, in the old and in the new map, in windows of
-40x40 pixels and shrunk towards the mean of the whole map (additive smoothing with a pseudo-count). A change
-is accepted where the mean rises by a minimum gain.
+40x40 pixels and shrunk towards the mean of the whole map (additive smoothing with a pseudo-count). Edges that
+only one of the maps has count as edges without agreement in the other one. A change is accepted where the
+mean rises by a minimum gain.
 
 In: the picture, scene-linear (3, H, W), and both maps, (H, W), in one unit. Out: the blocks of 8x8 pixels in
 which the change is accepted.
@@ -46,27 +47,28 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
     if not changed.any():
         return np.zeros(shape, bool)
     near = local_extremes(changed, _NEAR_PX)[1]
-    before, after = (_local_agreement(image, values, near, config) for values in (old, new))
-    return after - before > config.min_gain
+    (old_counts, old_sums), (new_counts, new_sums) = (
+        _block_sums(image, values, near) for values in (old, new)
+    )
+    prior, prior_of_map = config.agreement_priors
+    radius = config.agreement_window_blocks
+    edges = np.maximum(_window_sums(old_counts, radius), _window_sums(new_counts, radius))
+    edges_of_map = max(old_counts.sum(), new_counts.sum()) + prior_of_map
+    sums = new_sums - old_sums
+    gains = (_window_sums(sums, radius) + prior * sums.sum() / edges_of_map) / (edges + prior)
+    accepted: np.ndarray = gains > config.min_gain
+    return accepted
 
 
-def _local_agreement(
-    image: np.ndarray, disparity: np.ndarray, mask: np.ndarray, config: RepairConfig
-) -> np.ndarray:
-    """Return the smoothed mean agreement of the edges in a mask around each block, (H / 8, W / 8)."""
+def _block_sums(image: np.ndarray, disparity: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of edge pixels in a mask and the sum of their agreement, both (H / 8, W / 8)."""
     edges = sample_edges(image, disparity, mask=mask)
     agreement = np.clip(edges.heights[:, len(DISTANCES_PX) // 2].min(0), *_AGREEMENT_RANGE)
     rows, columns = (edges.places / BLOCK_PX).astype(np.intp)
     counts, sums = np.zeros((2, *(-(-side // BLOCK_PX) for side in disparity.shape)))
     np.add.at(counts, (rows, columns), 1)
     np.add.at(sums, (rows, columns), agreement)
-    prior, prior_of_map = config.agreement_priors
-    mean_of_map = sums.sum() / (counts.sum() + prior_of_map)
-    radius = config.agreement_window_blocks
-    smooth: np.ndarray = (_window_sums(sums, radius) + prior * mean_of_map) / (
-        _window_sums(counts, radius) + prior
-    )
-    return smooth
+    return counts, sums
 
 
 def _window_sums(values: np.ndarray, radius: int) -> np.ndarray:

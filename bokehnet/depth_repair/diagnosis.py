@@ -16,7 +16,7 @@ import numpy as np
 
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.edge_profile import sample_edges
-from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement
+from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
@@ -41,6 +41,8 @@ class Diagnosis:
         placement: Offset and growth, pixels of the size at which they were measured, and their certainty.
         peak: Distance of the edges of the picture from those of the map, pixels; positive towards the near
             side.
+        candidates: Placements to try: that of the map or, if the edges of the picture lie elsewhere in a part
+            of the map only, none and a growth.
         certainty: Best agreement of the map with its picture at a common distance and scale. Below
             ``min_certainty`` of the configuration the map does not follow the picture, or the picture shows
             no edges.
@@ -49,6 +51,7 @@ class Diagnosis:
     noise: float = 0.0
     softness: float = 0.0
     placement: Placement = NO_PLACEMENT
+    candidates: tuple[Placement, ...] = (NO_PLACEMENT,)
     peak: float = 0.0
     certainty: float = 0.0
 
@@ -95,10 +98,14 @@ def diagnose(
     """
     profiles = [sample_edges(image, disparity, _MAX_EDGES, scale=scale).profile() for scale in _SCALES]
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
+    candidates, growth = [placement], -round(profiles[0].offset)
+    if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:
+        candidates.append(verified(image, disparity, Placement(growth=growth))[0])
     return Diagnosis(
         noise=noise,
         softness=softness,
         placement=placement,
+        candidates=tuple(candidates),
         peak=profiles[0].offset,
         certainty=max(placement.certainty, *(profile.certainty for profile in profiles)),
     )

@@ -180,18 +180,18 @@ class DisparityRepair:
         decides = mode == "auto" and plan is None
         if decides and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
-        proposal = self._propose(
-            colors,
-            start,
-            small if is_soft else None,
-            diagnosis.placement,
-            lambda done, total: progress(round(1000 * _BASE_PROGRESS * done / total), 1000),
-        )
-        if decides:
-            blocks = accepted_blocks(colors, start, proposal, config)
-            proposal = np.where(_enlarged(blocks, start.shape), proposal, start)
-        else:
-            blocks = np.ones([-(-side // BLOCK_PX) for side in start.shape], bool)
+        proposal = start
+        blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
+        for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
+            share = _BASE_PROGRESS / len(diagnosis.candidates)
+
+            def report(done: int, total: int, first: float = number * share, share: float = share) -> None:
+                progress(round(1000 * (first + share * done / total)), 1000)
+
+            proposed = self._propose(colors, start, small if is_soft else None, placement, report)
+            accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
+            proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
+            blocks |= accepted
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)

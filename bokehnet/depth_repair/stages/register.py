@@ -22,7 +22,7 @@ from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
-__all__ = ["NO_PLACEMENT", "Placement", "find_placement"]
+__all__ = ["NO_PLACEMENT", "Placement", "find_placement", "verified"]
 
 # Maximum number of edge pixels in the search, and spacing of its coarse grid of translations, pixels.
 _MAX_EDGES, _STRIDE_PX = 2000, 2
@@ -77,7 +77,7 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
     ):
         if candidate == NO_PLACEMENT:
             continue
-        moved, agreement, error = _verified(image, disparity, candidate)
+        moved, agreement, error = verified(image, disparity, candidate)
         gain = agreement - score - 2 * error
         if agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement:
             best, score = moved, agreement
@@ -105,7 +105,7 @@ def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
     return _best(around, near, edges)
 
 
-def _verified(
+def verified(
     image: np.ndarray, disparity: np.ndarray, placement: Placement
 ) -> tuple[Placement, float, float]:
     """Return the placement whose displaced map agrees best with the picture, its agreement and the error.
