@@ -127,7 +127,7 @@ class FilteredShot:
             values = values / np.float32(scale)
             low, high = min(low, float(values.min())), max(high, float(values.max()))
             if len(softness) <= index / _SHARPNESS_INTERVAL_FRAMES:
-                softness.append(soft_edge_fraction(values))
+                softness.append(soft_edge_fraction(values, by_height=False))
             picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
             past = accumulate(values, _light(picture), _if_same_size(past, values))
             np.save(self._file("picture", index), picture)

@@ -78,19 +78,21 @@ def soft_pixels(disparity: np.ndarray, min_height: float) -> np.ndarray:
     return make_in_row_blocks(make, disparity.shape, np.bool_)
 
 
-def soft_edge_fraction(disparity: np.ndarray) -> float:
+def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
     """Return the fraction of edge pixels between both sides of their edge, 0 (all sharp) to 1.
-
-    Pixels have the square of the edge height as weight. Otherwise round and inclined surfaces make a map with
-    few edges seem soft, although blur affects all edges, and so does noise that is as high as edges.
 
     Args:
         disparity: Map, (H, W), any unit.
+        by_height: True to weight pixels by the square of the edge height. Otherwise round and inclined
+            surfaces make a map with few edges seem soft, although blur affects all edges, and so does noise
+            that is as high as edges.
     """
     span = float(np.ptp(disparity))
     low, high = local_extremes(disparity, _SOFT_RADIUS_PX)
     edges = high - low > MIN_EDGE_HEIGHT * span
-    weights = np.where(edges & ~slope_mask(disparity, edges), ((high - low) / (span or 1)) ** 2, 0)
+    weights = np.where(
+        edges & ~slope_mask(disparity, edges), ((high - low) / (span or 1)) ** (2 * by_height), 0
+    )
     total = float(weights.sum(dtype=float))
     soft = float(weights[soft_pixels(disparity, MIN_EDGE_HEIGHT * span)].sum(dtype=float))
     return soft / total if total else 0.0
