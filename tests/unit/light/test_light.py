@@ -251,7 +251,7 @@ def test_recovery_is_finite_next_to_the_border():
 
 
 def test_matter_in_front_of_a_lamp_is_neither_its_halo_nor_its_light():
-    """Truth: the ratio of the light of two equal lamps, of which a bright leaf, nearer, covers one in part."""
+    """Truth: the ratio of the light of two equal lamps, one of which a bright leaf covers in part."""
     rng = np.random.default_rng(0)
     light = night(rng, [(80, 60, 3, 20.0), (80, 160, 3, 20.0)], halo=0.4)
     free, covered = np.s_[60:101, 40:81], np.s_[60:101, 140:160]
