@@ -1,6 +1,6 @@
 """Numbers of the depth repair.
 
-``python -m benchmarks.quality.repair --ablate`` measures every stage, ``--harm`` the acceptance; the figures in
+``python -m benchmarks.quality.repair --ablate`` measures every stage, ``--harm`` the acceptance; figures in
 the comments are theirs unless another source is named. Lengths are pixels of the size at which a stage runs.
 """
 
