@@ -63,7 +63,7 @@ class VideoReport:
         plan: Plan of the repair of the maps; None if they are not repaired.
         steady: True if the maps were filtered over time.
         notes: Notices about the first rendered frame.
-        reading: Assumptions about its map.
+        assumptions: Assumptions about it.
 
     Examples:
         >>> report = VideoReport(frames=240, rendered=48, plan=None, steady=True)
@@ -76,7 +76,7 @@ class VideoReport:
     plan: RepairPlan | None
     steady: bool
     notes: tuple[str, ...] = ()
-    reading: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -233,7 +233,7 @@ class VideoJob:
             plan=shot.plan,
             steady=shot.steady is not None,
             notes=tuple(reports[0].notes) if reports else (),
-            reading=tuple(reports[0].reading) if reports else (),
+            assumptions=tuple(reports[0].assumptions) if reports else (),
         )
 
     def check(self) -> None:
