@@ -59,7 +59,7 @@ class StoredMap:
         values: Integers scaled to [0, 1], floats unchanged, (H, W); NaN also for colours off their table.
         largest_integer: Stored number of the value 1; None for floats, whose values are the stored numbers.
         is_render: True for EXR files, as renderers write them.
-        reading: Assumptions about the coding, a few words each.
+        assumptions: Assumptions about the coding, a few words each.
         notes: Warnings, one line each.
 
     Examples:
@@ -71,7 +71,7 @@ class StoredMap:
     values: NDArray[np.float32]
     largest_integer: int | None = None
     is_render: bool = False
-    reading: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -149,7 +149,7 @@ def read_stored_map(
         values=values,
         largest_integer=None if stored.is_decoded else largest,
         is_render=is_exr,
-        reading=stored.reading,
+        assumptions=stored.assumptions,
         notes=stored.notes,
     )
 
@@ -358,7 +358,7 @@ class _Decoded:
 
     values: NDArray[np.float32]
     is_decoded: bool = False
-    reading: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -367,7 +367,7 @@ def _read(file: ImageFile, channel: str | None, coding: str) -> tuple[_Decoded, 
     if coding in PACKED_CODINGS:
         part = file.parts[0]
         values = unpack_depth(file.read(part, part.channels), coding, str(file.path))
-        return _Decoded(values=values, is_decoded=True, reading=(f"packed as {coding}",)), part
+        return _Decoded(values=values, is_decoded=True, assumptions=(f"packed as {coding}",)), part
     part, names = _find(file, channel)
     values = file.read(part, names)
     if len(names) == 1:
@@ -392,7 +392,7 @@ def _read_colors(file: ImageFile, values: NDArray[np.float32], names: list[str],
                 f"{file.path}: {', '.join(names)} differ by up to {tint:.3g} of 255 levels; using their mean"
             )
             return _Decoded(
-                values=values.mean(axis=-1), is_decoded=True, reading=("tinted grey",), notes=(note,)
+                values=values.mean(axis=-1), is_decoded=True, assumptions=("tinted grey",), notes=(note,)
             )
     name = recognise_colors(values) if coding == "auto" else coding
     if name not in COLOR_MAPS:
@@ -407,7 +407,7 @@ def _read_colors(file: ImageFile, values: NDArray[np.float32], names: list[str],
         f"{file.path}: colours decoded with the colour map {name}, its last colour as 1 (near); "
         f"`depth.invert` reverses it, a grey map is more exact{known}"
     )
-    return _Decoded(values=decoded, is_decoded=True, reading=(f"colours of {name}",), notes=(note,))
+    return _Decoded(values=decoded, is_decoded=True, assumptions=(f"colours of {name}",), notes=(note,))
 
 
 def _decoded_fraction(file: ImageFile, decoded: NDArray[np.float32], name: str) -> str:

@@ -50,6 +50,8 @@ class LightConfig:
         lamp_radius_px: The same, pixels.
         lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
+        max_depth_span: Nearness above that of a lamp from which a bright pixel belongs to something in front
+            of it, fraction of the range of the map.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
@@ -98,6 +100,7 @@ class LightConfig:
     lamp_radius_px: float = 8.0
     lamp_fill: tuple[float, float] = (0.1, 0.2)
     lamp_surround: tuple[float, float] = (0.1, 0.2)
+    max_depth_span: float = 0.1
     night: tuple[float, float] = (0.02, 0.035)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (6.0, 40.0)

@@ -26,7 +26,9 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     weight = night * _lamp_weights(picture, regions, area, clipped)
     if not weight.any():
         return used
-    halo = _Halo.of(picture, regions, area)
+    core = _core_nearness(picture, regions)
+    halo = _Halo.of(picture, regions, area, core)
+    is_lamp = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
     centrality = _centrality(picture, regions, halo.weight)
     color, edge = _edge_light(picture, regions, (weight > 0) & (halo.weight < 0.5))
     sharp_flux = float(np.clip(config.sharp_gain * edge, *config.lamp_gain)) * clipped
@@ -34,7 +36,7 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
         values = picture.image[(*at, channel)].astype(np.float64)
         flux = halo.weight * halo.flux(picture, channel) + (1 - halo.weight) * color[:, channel] * sharp_flux
         flux = np.minimum(flux, config.max_lamp_gain * clipped)
-        shape = centrality * np.clip((values - half) / (picture.level - half), 0, 1) ** 2
+        shape = is_lamp * centrality * np.clip((values - half) / (picture.level - half), 0, 1) ** 2
         missing = np.maximum(flux * picture.level - regions.sums(values), 0)
         missing *= weight * (regions.sums(values >= picture.level) > 0)
         result[(*at, channel)] += (missing / np.maximum(regions.sums(shape), 1e-6))[regions.labels] * shape
@@ -56,6 +58,22 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     is_light = is_small & (regions.sums(second >= picture.level) > 0)
     certainty = ramp(clipped / area, config.lamp_fill) * ramp(surround, config.lamp_surround[::-1])
     return np.asarray(share * is_light * certainty)
+
+
+def _core_nearness(picture: BrightPicture, regions: Components) -> Floats:
+    """Return the median relative nearness of the clipped pixels of each region, (regions,)."""
+    core = np.flatnonzero(picture.highest[regions.rows, regions.columns] >= picture.level)
+    labels, nearness = (
+        regions.labels[core],
+        picture.relative_nearness(regions.rows[core], regions.columns[core]),
+    )
+    order = np.lexsort((nearness, labels))
+    count = np.bincount(labels, minlength=regions.count)
+    middle = np.cumsum(count) - count + count // 2
+    result = np.zeros(regions.count)
+    known = count > 0
+    result[known] = nearness[order][middle[known]]
+    return result
 
 
 def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Floats:
@@ -114,7 +132,11 @@ class _Halo:
     weight: Floats
 
     @classmethod
-    def of(cls, picture: BrightPicture, regions: Components, area: Floats) -> "_Halo":
+    def of(cls, picture: BrightPicture, regions: Components, area: Floats, core: Floats) -> "_Halo":
+        """Measure the halos of lights whose cores have the relative nearness ``core``, (regions,).
+
+        Bright matter in front of a light is no halo.
+        """
         config = picture.config
         wide = connected_components(picture.highest >= config.halo_level * picture.level)
         index = np.full(picture.lowest.shape, -1, np.int32)
@@ -126,7 +148,10 @@ class _Halo:
         wide_radius = np.sqrt(wide.sums()[parent] * portion / np.pi)
         # A sharp edge widens by the pixel filter alone.
         growth = (wide_radius - radius - config.edge_width) / np.maximum(radius, 0.5)
-        return cls(wide, parent, portion, ramp(growth, config.halo_growth))
+        nearest = np.zeros(wide.count)
+        np.maximum.at(nearest, wide.labels, picture.relative_nearness(wide.rows, wide.columns))
+        is_free = nearest[parent] <= core + config.max_depth_span
+        return cls(wide, parent, portion, is_free * ramp(growth, config.halo_growth))
 
     def flux(self, picture: BrightPicture, channel: int) -> Floats:
         """Return the flux of each light in a channel, in pixels at the clip level, (regions,).

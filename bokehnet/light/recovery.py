@@ -69,7 +69,9 @@ def recover_light(
     picture, result = BrightPicture.of(image, nearness, levels, config), image.copy()
     is_lamp = add_lamps(picture, result)
     add_areas(picture, result, is_lamp)
-    brightened = (result > image).any(-1)
+    brightened = result[..., 0] > image[..., 0]
+    for channel in (1, 2):
+        brightened |= result[..., channel] > image[..., channel]
     if not brightened.any():
         return RecoveredLight(image=image)
     if strength != 1:
@@ -87,7 +89,7 @@ def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
     Photographs have noise and shading; drawings and screenshots have flat colours.
     """
     rows = image[:: max(1, image.shape[0] // 500)]
-    equal = (rows[:, 1:] == rows[:, :-1]).all(-1)
+    equal = np.logical_and.reduce([rows[:, 1:, c] == rows[:, :-1, c] for c in range(3)])
     highest = rows[:, 1:-1].max(-1)
     is_shown = (highest > config.black) & (highest < level)
     count = int(is_shown.sum())

@@ -195,8 +195,7 @@ def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderR
         focus_distance=None if focused is None else focused.distance,
         pixel_filter=scene.pixel_filter if engine.name in RAY_ENGINES else None,
         notes=scene.notes,
-        assumptions=() if focused is None else focused.assumptions,
-        reading=scene.reading,
+        assumptions=scene.assumptions,
         light=scene.light,
     )
 

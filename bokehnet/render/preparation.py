@@ -252,8 +252,8 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
-        reading=(
-            *scene.depth.reading,
+        assumptions=(
+            *(scene.depth.assumptions if lens is None else lens.assumptions),
             *_pixel_shape(scene.window.pixel_aspect),
             *_words_of(picture.bars),
             *_words_of_layout(settings.input),

@@ -43,8 +43,8 @@ class RenderReport:
         focus_distance: Distance in focus, metres; None for relative disparity.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         notes: Automatic choices and warnings, one line each.
-        assumptions: Values that neither settings nor files define, a few words each.
-        reading: Assumptions about the map, a few words each: unit, direction, coding, holes.
+        assumptions: Values and facts that neither settings nor files define, a few words each: focus,
+            strength of the blur; unit, direction, coding and holes of the map.
         light: Recovered light of clipped pixels, a few words; empty if none was recovered.
 
     Examples:
@@ -62,7 +62,6 @@ class RenderReport:
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
-    reading: tuple[str, ...] = ()
     light: str = ""
 
 

@@ -117,7 +117,7 @@ class FocusedScene:
             pixels of these arrays.
         layers: Successive surfaces with their blur radii, where they are known.
         focus_again: Function that :meth:`refocus` calls; None if the picture was not kept.
-        reading: Assumptions about the map for the summary, a few words each.
+        assumptions: Values and facts that neither settings nor files define, a few words each.
         light: Recovered light for the summary, a few words; empty if none was recovered.
         bars: Black bars around these arrays in the picture; None without bars.
 
@@ -146,7 +146,7 @@ class FocusedScene:
     known: KnownSurfaces | None = None
     supersampled: int = 1
     layers: Layers | None = None
-    reading: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     bars: BlackBars | None = None
     light: str = ""
     focus_again: Callable[..., "FocusedScene"] | None = field(default=None, repr=False)

@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.depth_repair.stages.edge_sharpening import (
-    MIN_EDGE_HEIGHT,
-    local_extremes,
-    repair_soft_edges,
-    soft_edge_fraction,
-)
-from bokehnet.depth_repair.stages.weighted_median import snap_blurred_edges
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import local_extremes
+from bokehnet.depth_repair.stages.deblur import snap_soft_edges
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.io.files.atomic import write_text
@@ -169,7 +166,7 @@ def _sharpened(window: FrameWindow, number: int, softness: dict[int, float]) -> 
     probes = [n for n in filtered.neighbours if n % _SHARPNESS_INTERVAL_FRAMES == 0]
     for probe in probes or filtered.neighbours[:1]:
         if probe not in softness:
-            softness[probe] = soft_edge_fraction(window.values_of(probe), by_size=False)
+            softness[probe] = soft_edge_fraction(window.values_of(probe), by_height=False)
     is_sharp = np.median([softness[n] for n in probes or filtered.neighbours[:1]]) <= _MAX_SOFT_FRACTION
     span, values = filtered.span, filtered.values
     change = np.abs(values - filtered.original)
@@ -178,6 +175,6 @@ def _sharpened(window: FrameWindow, number: int, softness: dict[int, float]) -> 
     sharp = repair_soft_edges(values, span)
     low, high = local_extremes(sharp, _EDGE_RADIUS_PX)
     light = np.asarray(srgb_to_linear(filtered.picture / np.float32(255)), np.float32)
-    sharp = snap_blurred_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span)
+    sharp = snap_soft_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span)
     softened = local_extremes(change, _EDGE_RADIUS_PX)[1] > _MIN_CHANGE * span
     return replace(filtered, values=np.where(softened, sharp, values).astype(np.float32))

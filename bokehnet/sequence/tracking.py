@@ -31,6 +31,10 @@ class TrackedPoint:
         x: Distance from the left border, pixels; 0 is the centre of the first pixel.
         y: Distance from the upper border, pixels.
         is_lost: True if the point was lost in this frame or before; its position is then the last known one.
+
+    Examples:
+        >>> TrackedPoint(number=1001, x=812.4, y=440.0).is_lost
+        False
     """
 
     number: int

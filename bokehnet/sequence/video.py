@@ -63,7 +63,7 @@ class VideoReport:
         plan: Plan of the repair of the maps; None if they are not repaired.
         steady: True if the maps were filtered over time.
         notes: Notices about the first rendered frame.
-        reading: Assumptions about its map.
+        assumptions: Assumptions about it.
 
     Examples:
         >>> report = VideoReport(frames=240, rendered=48, plan=None, steady=True)
@@ -76,7 +76,7 @@ class VideoReport:
     plan: RepairPlan | None
     steady: bool
     notes: tuple[str, ...] = ()
-    reading: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -92,7 +92,8 @@ class StoredDepth:
     Examples:
         >>> from bokehnet.io.video.display_matrix import DisplayMatrix
         >>> from bokehnet.scene.scene import make_scene
-        >>> stored = RelativeDisparity(map=np.eye(32, 48, dtype=np.float32), as_stored=True)
+        >>> ramp = np.tile(np.linspace(0.1, 0.9, 48, dtype=np.float32), (32, 1))
+        >>> stored = RelativeDisparity(map=ramp, as_stored=True)
         >>> source = StoredDepth(source=stored, display=DisplayMatrix(transposed=True))
         >>> make_scene(np.ones((48, 32, 3), np.float32), source).depth.values.shape
         (48, 32)
@@ -232,7 +233,7 @@ class VideoJob:
             plan=shot.plan,
             steady=shot.steady is not None,
             notes=tuple(reports[0].notes) if reports else (),
-            reading=tuple(reports[0].reading) if reports else (),
+            assumptions=tuple(reports[0].assumptions) if reports else (),
         )
 
     def check(self) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,7 +13,13 @@ from bokehnet.cli.progress import write_above
 from bokehnet.render.result import RenderReport
 from bokehnet.sequence.shot import Shot
 
-__all__ = ["FrameSummary", "SummaryPrinter"]
+__all__ = ["FrameSummary", "SummaryPrinter", "assumed"]
+
+
+def assumed(assumptions: Sequence[str]) -> str:
+    """Return the end of a summary line that names what neither settings nor files define."""
+    words = "; ".join(with_option_names(text) for text in assumptions)
+    return f"; assumed: {words}" if words else ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,11 +43,10 @@ class FrameSummary:
     def line(self) -> str:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
-        parts += [f"blur up to {self.report.largest_blur:.3g} px", *self.report.reading, self._repair()]
+        parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
         parts.append(self.report.light)
         line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
-        assumptions = "; ".join(with_option_names(text) for text in self.report.assumptions)
-        return f"{line}; assumed: {assumptions}" if assumptions else line
+        return line + assumed(self.report.assumptions)
 
     def steps(self) -> str:
         """Return the time of each step and the pixel filter as one line."""
@@ -66,7 +71,6 @@ class FrameSummary:
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
             "assumptions": [with_option_names(text) for text in report.assumptions],
-            "reading": list(report.reading),
             "recovered_light": report.light,
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
@@ -137,9 +141,8 @@ class SummaryPrinter:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
             around = f" with {_count(shot.around)} around them" if shot.around else ""
             smoothed = f", maps smoothed in time{around}" if shot.steady is not None else ""
-            reading = done[min(done)].report.reading if done else ()
-            assumed = "".join(f", {words}" for words in reading)
-            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}{assumed}, {seconds:.1f} s")
+            line = f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s"
+            _print_line(line + assumed(done[min(done)].report.assumptions if done else ()))
 
     def print_batch(
         self, done: Mapping[str, FrameSummary], *, existing: int, failed: Mapping[str, str], seconds: float

@@ -13,6 +13,7 @@ from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import compile_notice, stages
 from bokehnet.cli.render.frame import check_track, make_renderer, write_track_notice
 from bokehnet.cli.render.run_settings import RunSettings
+from bokehnet.cli.render.summary import assumed
 from bokehnet.errors import ParameterError
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.video.frames import choose_codec, read_video, video_info
@@ -81,5 +82,4 @@ def render_video(
         line = f"{output}: {report.frames} frames of {info.width}x{info.height}, {job.codec}"
         line += f", {resumed} of them rendered before" if resumed else ""
         line += ", maps smoothed in time" if report.steady else ""
-        line += "".join(f", {words}" for words in report.reading)
-        print(f"{line}, {seconds:.1f} s", file=sys.stderr)  # noqa: T201
+        print(f"{line}, {seconds:.1f} s{assumed(report.assumptions)}", file=sys.stderr)  # noqa: T201

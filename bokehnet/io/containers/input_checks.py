@@ -131,7 +131,9 @@ def check_pixel_count(path: Path | str, width: int, height: int, unit: str = "")
     """
     max_pixels = _max_pixels()
     if max_pixels is None:
-        max_pixels = min(_DEFAULT_MAX_PIXELS, _SMALL_FILE_PIXELS + _PIXELS_PER_BYTE * _size(path))
+        max_pixels = _DEFAULT_MAX_PIXELS
+        if width * height <= max_pixels:
+            max_pixels = min(max_pixels, _SMALL_FILE_PIXELS + _PIXELS_PER_BYTE * _size(path))
     if width * height > max_pixels:
         size = f"{width} {unit}" if unit else f"{width}x{height} pixels"
         raise ImageFileError(

@@ -40,6 +40,10 @@ Array = npt.NDArray[np.float32]
 # which it is measured.
 _MAX_TINT, _TINT_STRIDE_PX = 0.05, 4
 
+# Width from which x265's "cutree" is safe. Build 216 works on rows of blocks of 16 columns, and its AVX2 code
+# writes four blocks before it compares their number: past the end of shorter rows, into other memory.
+_MIN_CUTREE_WIDTH_PX = 49
+
 VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
 
 # FFmpeg's encoder and its options by name. Without B-frames, time stamps rise in the order of writing, and
@@ -338,6 +342,9 @@ def _configure(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
     context.pix_fmt = target_pixels(info, codec)
     if codec == "prores" and context.pix_fmt.startswith("yuv444"):
         context.options = {**context.options, "profile": "4"}
+    if codec == "h265" and context.width < _MIN_CUTREE_WIDTH_PX:
+        parameters = context.options["x265-params"] + ":cutree=0"
+        context.options = {**context.options, "x265-params": parameters}
     context.time_base, context.framerate, context.gop_size = info.time_base, info.rate, 24
     context.color_primaries, context.color_trc, context.colorspace = info.codes
     context.color_range = 2 if info.full else 1

@@ -81,8 +81,8 @@ class DepthMap:
         all_in_focus: Picture to render instead, (H, W, 3): a phone's original before its portrait blur.
         notes: Warnings about the map and automatic choices, one line each.
         layers: Successive surfaces, where they are known.
-        assumptions: Assumed values that the blur depends on, a few words each.
-        reading: Assumptions about the map for the summary, a few words each: unit, direction, coding, holes.
+        assumptions: Assumptions about the map and the camera, a few words each: unit, direction,
+            coding, holes.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -102,7 +102,6 @@ class DepthMap:
     notes: tuple[str, ...] = ()
     layers: SceneLayers | None = None
     assumptions: tuple[str, ...] = ()
-    reading: tuple[str, ...] = ()
 
 
 class DepthSource(Protocol):

@@ -79,7 +79,7 @@ class RelativeDisparity:
         missing = find_missing_disparity(
             stored.numbers, stored.largest_integer, invert=self.invert, no_data=self.no_data
         )
-        values, reading, notes = _filled(stored.values, missing, photo, self.holes, stored, self.map)
+        values, assumptions, notes = _filled(stored.values, missing, photo, self.holes, stored, self.map)
         if not (self.as_stored or self.value_range is not None):
             notes = (*notes, *_range_warnings(values))
             values = _normalised(values)
@@ -97,14 +97,14 @@ class RelativeDisparity:
                 f"{self.map}: expected stored disparity in 0..1 for a sequence, found {actual}; {remedy}"
             )
         values = 1 - values if self.invert else values
-        direction = "map bright is far" if self.invert else "map bright is near"
+        direction = "bright is far" if self.invert else "bright is near"
         return DepthMap(
             values=values,
             kind="relative",
             origin=self.origin,
             camera=photo.camera,
             notes=notes,
-            reading=(direction, *stored.reading, *reading),
+            assumptions=(direction, *stored.assumptions, *assumptions),
         )
 
 
@@ -182,12 +182,12 @@ class MetricDepth:
         if not isinstance(self.map, np.ndarray):
             camera = merged_camera(camera, map_camera(Path(self.map)))
         if self.near is not None and self.far is not None:
-            values, reading, notes = self._between_planes(stored, photo)
+            values, assumptions, notes = self._between_planes(stored, photo)
         else:
-            values, reading, notes = self._in_unit(stored, photo)
+            values, assumptions, notes = self._in_unit(stored, photo)
         if self.measured == "ray":
             values = (values / self._planar_factor(values.shape, photo.window, camera)).astype(np.float32)
-            reading = ("distance along the ray", *reading)
+            assumptions = ("distance along the ray", *assumptions)
         return DepthMap(
             values=values,
             kind="metric",
@@ -195,7 +195,7 @@ class MetricDepth:
             filtered="disparity" if self._is_disparity else "depth",
             camera=camera,
             notes=notes,
-            reading=reading,
+            assumptions=assumptions,
         )
 
     @property
@@ -225,8 +225,8 @@ class MetricDepth:
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
 
         disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
-        values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
-        return values, (f"depth in {unit}", *stored.reading, *reading), (*stored.notes, *notes)
+        values, assumptions, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
+        return values, (f"depth in {unit}", *stored.assumptions, *assumptions), (*stored.notes, *notes)
 
     def _between_planes(
         self, stored: StoredMap, photo: Photo
@@ -241,9 +241,9 @@ class MetricDepth:
         known = np.where(mask, np.float32(np.nan), stored.values)
         kind = "zbuffer" if self.measured == "zbuffer" else "planar"
         disparity = disparity_between_planes(known, kind, self.near, self.far)
-        values, reading, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
+        values, assumptions, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
         planes = f"{'z-buffer' if kind == 'zbuffer' else 'depth'} from {self.near:g} to {self.far:g} m"
-        return values, (planes, *stored.reading, *reading), (*stored.notes, *notes)
+        return values, (planes, *stored.assumptions, *assumptions), (*stored.notes, *notes)
 
     def _planar_factor(
         self, size: tuple[int, int], window: Window, camera: Camera | None

@@ -29,7 +29,7 @@ def test_a_tint_of_a_few_levels_is_read_with_a_note(store):
     stored = read_stored_map(store("a.png", tinted))
     assert_allclose(stored.values, grey[..., 0] / 255, atol=1 / 255)
     assert "differ by up to 2 of 255 levels" in stored.notes[0]
-    assert stored.reading == ("tinted grey",)
+    assert stored.assumptions == ("tinted grey",)
 
 
 def test_alpha_of_a_map_is_ignored(store):

@@ -248,3 +248,18 @@ def test_recovery_is_finite_next_to_the_border():
         np.random.default_rng(5), [(0, 0, 2, 100), (HEIGHT - 1, WIDTH - 1, 3, 50), (80, 0, 1.5, 80)]
     )
     assert np.isfinite(recover_light(stored(light)).image).all()
+
+
+def test_matter_in_front_of_a_lamp_is_neither_its_halo_nor_its_light():
+    """Truth: the ratio of the light of two equal lamps, one of which a bright leaf covers in part."""
+    rng = np.random.default_rng(0)
+    light = night(rng, [(80, 60, 3, 20.0), (80, 160, 3, 20.0)], halo=0.4)
+    free, covered = np.s_[60:101, 40:81], np.s_[60:101, 140:160]
+    expected = light[covered].sum() / light[free].sum()
+    near = np.zeros((HEIGHT, WIDTH), np.float32)
+    leaf = np.s_[66:110, 160:200]
+    light[leaf], near[leaf] = (0.35, 0.45, 0.1), 1
+    image = stored(light)
+    recovered = recover_light(image, near).image
+    assert_array_equal(recovered[leaf], image[leaf])
+    assert recovered[covered].sum() / recovered[free].sum() == pytest.approx(expected, rel=0.1)

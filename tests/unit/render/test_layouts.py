@@ -60,7 +60,7 @@ def test_bars_stay_black_and_the_picture_beside_them_is_that_without_bars(render
     assert_array_equal(result.bokeh[12:-11], alone.bokeh)
     assert not result.bokeh[:12].any()
     assert not result.bokeh[-11:].any()
-    assert result.report.reading[-1] == "black bars kept (top 12, bottom 11 px)"
+    assert result.report.assumptions[-1] == "black bars kept (top 12, bottom 11 px)"
 
 
 def test_the_focus_is_a_pixel_of_the_whole_picture(renderer):

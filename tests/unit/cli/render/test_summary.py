@@ -21,8 +21,8 @@ def test_one_line_tells_size_engine_focus_blur_repair_and_time(folder, cli):
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off")
     assert (outcome.code, outcome.out) == (0, "")
     told = (
-        r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, map bright is near, "
-        r"map unchanged, \d+\.\d s\n"
+        r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, "
+        r"map unchanged, \d+\.\d s; assumed: bright is near\n"
     )
     assert re.fullmatch(told, outcome.err)
 
@@ -71,8 +71,7 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "pixel_filter": None,
         "pixel_filter_reason": None,
         "pixel_filter_confidence": None,
-        "assumptions": [],
-        "reading": ["map bright is near"],
+        "assumptions": ["bright is near"],
         "recovered_light": "",
         "notes": [],
     }

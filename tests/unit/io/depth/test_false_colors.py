@@ -30,7 +30,7 @@ def test_png_maps_are_decoded(name, tmp_path):
     path = tmp_path / "map.png"
     Image.fromarray(colored(scene(), name)).save(path)
     stored = read_stored_map(path)
-    assert stored.reading == (f"colours of {name}",)
+    assert stored.assumptions == (f"colours of {name}",)
     runs = 3 if name == "jet" else 1  # jet repeats colours over up to five levels
     assert np.abs(stored.values - scene()).max() < runs / 255
 
@@ -39,7 +39,7 @@ def test_png_maps_are_decoded(name, tmp_path):
 def test_an_alpha_channel_does_not_matter(name, tmp_path):
     path = tmp_path / "map.png"
     Image.fromarray(colored(scene(), name)).convert("RGBA").save(path)
-    assert read_stored_map(path).reading == (f"colours of {name}",)
+    assert read_stored_map(path).assumptions == (f"colours of {name}",)
 
 
 @pytest.mark.parametrize("quality", [75, 95])
@@ -49,7 +49,7 @@ def test_jpeg_maps_are_decoded(name, quality, tmp_path):
     path = tmp_path / "map.jpg"
     Image.fromarray(colored(scene(240, 320), name)).save(path, quality=quality)
     stored = read_stored_map(path)
-    assert stored.reading == (f"colours of {name}",)
+    assert stored.assumptions == (f"colours of {name}",)
     known = np.isfinite(stored.values)
     assert known.mean() > 0.95
     assert np.mean(np.abs(stored.values - scene(240, 320))[known] > 0.05) < 0.01
@@ -90,7 +90,7 @@ def test_two_values_alone_fit_no_map_or_their_own(tmp_path):
                 stored = read_stored_map(path)
             except ImageFileError:
                 continue
-            assert stored.reading == (f"colours of {name}",)
+            assert stored.assumptions == (f"colours of {name}",)
             assert np.abs(stored.values - values).max() < 3 / 255
 
 

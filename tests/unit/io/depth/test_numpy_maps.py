@@ -77,9 +77,9 @@ def test_headers_cannot_announce_more_than_the_file_holds(tmp_path):
     header = {"descr": "<f8", "fortran_order": False, "shape": (7000, 7000)}
     np.lib.format.write_array_header_1_0(buffer, header)
     (tmp_path / "d.npy").write_bytes(buffer.getvalue())
-    with pytest.raises(ImageFileError, match="truncated"):
+    with pytest.raises(ImageFileError, match=r"truncated|more than the limit"):
         read_numpy_map(tmp_path / "d.npy")
     with zipfile.ZipFile(tmp_path / "d.npz", "w") as archive:
         archive.writestr("depth.npy", buffer.getvalue())
-    with pytest.raises(ImageFileError, match="truncated"):
+    with pytest.raises(ImageFileError, match=r"truncated|more than the limit"):
         read_numpy_map(tmp_path / "d.npz")

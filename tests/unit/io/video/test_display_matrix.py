@@ -90,7 +90,8 @@ def test_a_video_of_false_colours_is_no_disparity(tmp_path):
     ],
 )
 def test_chroma_and_bits_are_kept(tmp_path, pixels, encoder, codec, kept):
-    write(tmp_path / "clip.mkv", pixels=pixels, codec=encoder)
+    wide = np.tile(PICTURE, (1, 2, 1))  # x265 itself needs 49 columns: test_frames.py
+    write(tmp_path / "clip.mkv", wide, pixels=pixels, codec=encoder)
     assert target_pixels(video_info(tmp_path / "clip.mkv"), codec) == kept
 
 
@@ -114,7 +115,7 @@ def test_a_still_video_has_no_transformation(tmp_path):
 
 
 def test_pictures_before_an_edit_list_are_left_out_and_a_late_start_is_kept(tmp_path):
-    """Authority: FFmpeg's decoder, which drops the three pictures before time zero; the shift of the times."""
+    """Authority: FFmpeg's decoder, which drops three pictures before time zero; the shift of the times."""
     write(tmp_path / "whole.mp4", codec="libx264", pixels="yuv420p", frames=12)
     write(tmp_path / "late.mkv", frames=3, start=120)
     with (

@@ -29,7 +29,7 @@ def test_a_wall_stays_a_wall_along_the_ray():
     stored = distances(np.arange(WIDTH), np.arange(HEIGHT), WIDTH, HEIGHT)
     depth = MetricDepth(map=stored, measured="ray", view=LENS).depth_map(PHOTO)
     assert_allclose(depth.values, 1 / 2000, rtol=1e-6)
-    assert depth.reading == ("distance along the ray", "depth in m")
+    assert depth.assumptions == ("distance along the ray", "depth in m")
 
 
 def test_maps_of_another_size_and_crops_see_the_same_wall():
@@ -63,7 +63,7 @@ def test_normalised_depth_between_planes(tmp_path):
     Image.fromarray(levels).save(tmp_path / "z.png")
     depth = MetricDepth(map=tmp_path / "z.png", near=1.0, far=9.0).depth_map(PHOTO)
     assert_allclose(1 / (1000 * depth.values), 1 + 8 * (levels / 65535), rtol=1e-5)
-    assert depth.reading == ("depth from 1 to 9 m",)
+    assert depth.assumptions == ("depth from 1 to 9 m",)
 
 
 def test_values_outside_the_planes_are_an_error():
@@ -85,7 +85,7 @@ def test_integers_in_units_with_a_scale(tmp_path, unit, scale):
         np.save(path, stored) if name.endswith("npy") else Image.fromarray(stored).save(path)
         depth = MetricDepth(map=path, unit=unit).depth_map(PHOTO)
         assert_allclose(1 / depth.values, stored / scale, rtol=1e-5)
-        assert depth.reading == (f"depth in {unit}",)
+        assert depth.assumptions == (f"depth in {unit}",)
 
 
 def test_integers_without_unit_are_refused_with_the_way_out(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.edge_alignment import align_edges
+from bokehnet.depth_repair.stages.enlarge import align_edges
 
 
 def scene(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.depth_repair.stages.edge_sharpening import repair_soft_edges, slope_mask, soft_edge_fraction
+from bokehnet.depth_repair.stages.sharpen import (
+    repair_soft_edges,
+    slope_mask,
+    soft_edge_fraction,
+    soft_pixels,
+)
 
 
 def disc(size: int = 80) -> np.ndarray:
@@ -73,3 +78,14 @@ def test_maps_of_any_size(shape):
     values = np.random.default_rng(0).random(shape, dtype=np.float32)
     assert repair_soft_edges(values).shape == shape
     assert 0 <= soft_edge_fraction(values) <= 1
+
+
+def test_soft_pixels_are_those_between_both_sides():
+    """Authority: a ramp of eight pixels; its pixels are between the extremes of their windows."""
+    ramp = np.tile(np.clip((np.arange(60) - 26) / 8, 0, 1).astype(np.float32), (40, 1))
+    soft = soft_pixels(ramp, 0.05)
+    assert soft[:, 27:33].all()
+    assert not soft[:, :24].any()
+    assert not soft[:, 37:].any()
+    assert not soft_pixels(disc(), 0.05).any()
+    assert not soft_pixels(np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1)), 0.05).any()

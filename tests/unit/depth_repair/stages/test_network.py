@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.network_tiles import BLOCK_PX, HALO_PX, MAX_TILE_PIXELS, repair_tiles
+from bokehnet.depth_repair.config import BLOCK_PX
+from bokehnet.depth_repair.stages.network import HALO_PX, MAX_TILE_PIXELS, repair_tiles
 
 
 @pytest.mark.parametrize("size", [(1352, 1080), (1080, 1352), (2048, 2048), (2048, 8), (8, 8), (1536, 2048)])

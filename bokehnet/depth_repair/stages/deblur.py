@@ -21,9 +21,12 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
+from bokehnet.optics.encoding import encode
 
-__all__ = ["BlurEstimate", "blur_map", "estimate_blur", "restore_blurred_detail"]
+__all__ = ["BlurEstimate", "blur_map", "estimate_blur", "restore_blurred_detail", "snap_soft_edges"]
 
 # Candidates for the standard deviation of the blur, pixels; the smallest one means that the map is not soft.
 _SIGMAS_PX = tuple(1.25**i for i in range(1, 9))
@@ -45,6 +48,10 @@ _MIN_RESIDUAL = 0.05
 
 # Number of van Cittert iterations.
 _ITERATIONS = 2
+
+# Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
+# Euclidean distance of three channels.
+_MEDIAN_PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
 
 
 @njit(cache=True, parallel=True)
@@ -265,3 +272,24 @@ def restore_blurred_detail(
             _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)
     return result
+
+
+def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:
+    """Return the map with weighted medians at soft edges, which moves them to colour edges.
+
+    The position of an edge inside a ramp is unknown, and the middle is only a guess. A second pass in a
+    smaller window smooths the edges; a third pass, with a larger colour tolerance, removes isolated pixels.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        disparity: Map with sharpened edges, (H, W), float32, any unit.
+        soft: Pixels on ramps of the input, (H, W), bool.
+        span: Range of the whole map, in its unit.
+
+    Returns:
+        Map, (H, W), float32; each value lies within the range of its window.
+    """
+    colors = np.asarray(encode(image), np.float32)
+    for radius, color_sigma in _MEDIAN_PASSES:
+        disparity = weighted_median(colors, disparity, soft, radius, color_sigma, MIN_EDGE_HEIGHT * span)
+    return disparity

@@ -1,15 +1,14 @@
-"""Edge alignment: move the depth edges of an enlarged map to the edges of the larger picture.
+"""Enlargement: apply the changes of a repaired small map to the larger map, at the edges of its picture.
 
-Method: two-class colour test beside each depth edge. The mean colours of the near and the far side in a
-    window
+Method: changed pixels come from the enlarged small map, whose edges are sharpened; a two-class colour test
+beside each edge then moves it by up to two pixels. The mean colours of the near and the far side in a window
 define two classes; the evidence of a pixel is its relative distance from both means. A pixel changes sides if
 the mean evidence of its 3x3 window is clear. The setting, a small map and a large picture, is that of Kopf,
 Cohen, Lischinski and Uyttendaele, "Joint bilateral upsampling", ACM TOG 2007; the choice between two sides is
 ours.
 
-In: the picture, scene-linear (H, W, 3), and the enlarged map (H, W), any unit. Out: the map with edges moved
-    by
-up to two pixels, in the same unit.
+In: the picture, scene-linear (H, W, 3), the larger map (H, W) and the repaired map at half its size, in one
+unit. Out: the larger map with the changes.
 """
 
 import math
@@ -17,10 +16,15 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.arrays.pyramid import upsample2
+from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import local_extremes
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges
 from bokehnet.kernels import njit
 
-__all__ = ["align_edges"]
+__all__ = ["align_edges", "enlarge_changes"]
 
 # Half width of the window beside an edge in which a pixel may change sides, pixels: the uncertainty of a map
 # after doubling its size.
@@ -31,6 +35,9 @@ _COLOR_RADIUS_PX = 6
 
 # Minimum mean evidence of a pixel and its neighbours for a change of sides; evidence ranges from -1 to 1.
 _MIN_EVIDENCE = 0.2
+
+# Distance from a change within which edges are sharpened and aligned, pixels.
+_NEAR_CHANGE_PX = 5
 
 # Rows per pass, which bounds the memory of the evidence.
 _ROWS_PER_PASS = 512
@@ -138,4 +145,47 @@ def align_edges(image: np.ndarray, disparity: np.ndarray, min_height: float) -> 
         with parallel_region:
             _gather_evidence(image, disparity, min_height, first, evidence)
             _change_sides(disparity, evidence, first, top, bottom, result)
+    return result
+
+
+def enlarge_changes(
+    image: np.ndarray,
+    disparity: np.ndarray,
+    repaired_small: np.ndarray,
+    change: np.ndarray,
+    allowed: np.ndarray | None,
+    *,
+    sharpen: bool,
+) -> np.ndarray:
+    """Return a map with the changes of the repair at half its size, at the edges of the larger picture.
+
+    Args:
+        image: Picture, scene-linear, not negative, (H, W, 3).
+        disparity: Map, (H, W).
+        repaired_small: Repaired map at half the size, (H / 2, W / 2), rounded up.
+        change: Change by the repair at half the size, of the same shape.
+        allowed: Pixels that may change, (H, W) bool; None for all.
+        sharpen: True to sharpen and align all edges, not only those near changes, as in soft maps. In sharp
+            maps this degrades accurately placed thin structures in front of others.
+    """
+    min_height = MIN_EDGE_HEIGHT * float(np.ptp(disparity))
+    moved_at = np.zeros(disparity.shape, np.bool_)
+
+    def make(rows: slice) -> np.ndarray:
+        top = max(0, rows.start // 2 - 1)
+        window = slice(top, -(-rows.stop // 2) + 1)
+        inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
+        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (repaired_small, change))
+        moved_at[rows] = np.abs(moved) > min_height
+        return np.where(moved_at[rows], coarse, disparity[rows])
+
+    joined = make_in_row_blocks(make, disparity.shape, np.float32)
+    if not sharpen and not moved_at.any():
+        return disparity
+    result = align_edges(image, repair_soft_edges(joined), min_height)
+    if not sharpen:
+        near = local_extremes(moved_at, _NEAR_CHANGE_PX)[1]
+        if allowed is not None:
+            near &= allowed
+        np.copyto(result, disparity, where=~near)
     return result

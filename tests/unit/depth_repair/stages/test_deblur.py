@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.deblurring import blur_map, estimate_blur, restore_blurred_detail
+from bokehnet.depth_repair.stages.deblur import blur_map, estimate_blur, restore_blurred_detail
 
 ndimage = pytest.importorskip("scipy.ndimage")
 HEIGHT, WIDTH = 96, 128
