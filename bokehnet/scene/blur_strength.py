@@ -15,7 +15,7 @@ from bokehnet.scene.camera import complete_camera, full_frame_camera, has_view
 from bokehnet.scene.depth.depth_source import DepthMap
 from bokehnet.settings.settings import CameraSettings
 
-__all__ = ["DEFAULT_STRENGTH", "completed_blur"]
+__all__ = ["DEFAULT_STRENGTH", "completed_blur", "equivalent_f_number"]
 
 # Strength without any setting, and the largest blur radius at strength 100, relative to the longer side.
 DEFAULT_STRENGTH, _FULL_RADIUS = 50.0, 0.08
@@ -67,6 +67,31 @@ def completed_blur(
     radius = strength / 100 * _FULL_RADIUS * longer_side
     blur = radius / max(far, 1 - near, 0.5)
     return replace(camera, blur=blur, strength=None), (() if camera.strength is not None else _DEFAULT_NOTE)
+
+
+def equivalent_f_number(
+    blur: float, camera: CameraSettings, depth: DepthMap, near: float, window: Window
+) -> float:
+    """Return the full-frame f-number whose blur of a relative map equals a blur radius; inverse of its blur.
+
+    Args:
+        blur: Blur radius per unit of disparity, pixels, above 0.
+        camera: Camera settings, whose focal length counts.
+        depth: Relative depth map of the scene.
+        near: Largest disparity in focus.
+        window: Position of the map's pixels in the shown picture.
+
+    Examples:
+        >>> depth = DepthMap(values=np.eye(2, dtype=np.float32), kind="relative", origin="input.disparity")
+        >>> window = Window.whole(1000, 500)
+        >>> blur = completed_blur(CameraSettings(f_number=2), depth, 0.5, 0.5, window)[0].blur
+        >>> round(equivalent_f_number(blur, CameraSettings(), depth, 0.5, window), 6)
+        2.0
+    """
+    unit = replace(camera, blur=None, strength=None, f_number=1.0)  # the blur is inverse to the f-number
+    full = _equivalent_blur(unit, depth, near, window)[0].blur
+    assert full is not None
+    return full / blur
 
 
 _DEFAULT_NOTE = (

@@ -1,4 +1,4 @@
-"""Background process for long tasks at low priority, which leaves the cores to quick tasks."""
+"""Background process for long tasks, by default at low priority, which leaves the cores to quick tasks."""
 
 import contextlib
 import multiprocessing
@@ -33,9 +33,13 @@ class BackgroundProcess:
     """Runner of one task at a time in a background process, which is replaced if it dies.
 
     A cancelled task ends at its next step; the caller does not wait for it.
+
+    Args:
+        niceness: Added to the niceness of the process; 0 keeps normal priority.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = _NICENESS) -> None:
+        self._niceness = niceness
         self._turn = threading.Lock()
         self._context = multiprocessing.get_context("spawn")
         self._number = 0
@@ -126,16 +130,18 @@ class BackgroundProcess:
             return
         self._pipe, worker_end = self._context.Pipe()
         self._current = self._context.Value("q", 0)
-        self._process = self._context.Process(target=_serve, args=(worker_end, self._current), daemon=True)
+        self._process = self._context.Process(
+            target=_serve, args=(worker_end, self._current, self._niceness), daemon=True
+        )
         self._process.start()
         worker_end.close()  # so that the pipe closes with the process
 
 
-def _serve(pipe: Any, current: Any) -> None:
+def _serve(pipe: Any, current: Any, niceness: int) -> None:
     """Run tasks from the pipe until it closes; main function of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
     if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+        os.nice(niceness)
     if hasattr(os, "sysconf"):
         limit_address_space(int(_MEMORY_FRACTION * os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
     while True:

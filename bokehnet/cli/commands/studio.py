@@ -60,6 +60,7 @@ def studio(
         if image is not None:
             click.echo(f"bokehnet: opening {image}", err=True)
             session.open(Path(image), resolved)
+        session.preset = preset if preset in presets() else ""
         session.start()
         serve(
             session,
