@@ -128,6 +128,14 @@ def test_filtered_depth_edges_are_no_box(hard, pixel_filter):
     assert found.pixel_filter.name != "box"
 
 
+@pytest.mark.parametrize("hard", [wires, discs, slats])
+@pytest.mark.parametrize("shift", [1, 2, 3])
+def test_a_map_beside_the_edges_of_a_filtered_picture_proves_no_box(hard, shift):
+    """Authority: the filter that drew the picture; the map is moved."""
+    image, disparity = layers(DEFAULT_FILTER, hard)
+    assert estimate_filter(image, np.roll(disparity, shift, 1)).pixel_filter.name != "box"
+
+
 @pytest.mark.parametrize("blur", [0.8, 1.2, 2.0])
 def test_texture_alone_is_no_evidence(blur):
     image, _ = layers(None, lambda rows, columns: rows < 0, blur=blur)
