@@ -3,9 +3,9 @@
 Steps; each stage is documented in its own module with its published method:
 
 1. noise is measured and removed (``stages/denoise.py``);
-2. at the smallest size of an image pyramid: soft edges are sharpened (``stages/sharpen.py``), and offset,
-   growth and agreement with the picture are measured (``diagnosis.py``). A map whose edges do not follow the
-   picture stays as it is;
+2. overshoots of soft maps are removed (``stages/overshoots.py``); at the smallest size of an image pyramid
+   soft edges are sharpened (``stages/sharpen.py``), and offset, growth and agreement with the picture are
+   measured (``diagnosis.py``). A map whose edges do not follow the picture stays as it is;
 3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
    blurred detail is restored (``stages/deblur.py``), and so are thin structures
    (``stages/thin_structures.py``);
@@ -34,6 +34,7 @@ from bokehnet.depth_repair.stages.deblur import estimate_blur, restore_blurred_d
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
+from bokehnet.depth_repair.stages.overshoots import remove_overshoots
 from bokehnet.depth_repair.stages.register import Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
@@ -163,13 +164,14 @@ class DisparityRepair:
             return RepairedMap(
                 disparity=clean.copy(), repaired=False, reason="as most of the shot", plan=plan
             )
-        pictures, maps = [image.transpose(2, 0, 1)], [clean]
+        softness = soft_edge_fraction(clean) if plan is None else plan.softness
+        is_soft = "sharpen" in config.stages and softness > config.min_softness
+        flat = remove_overshoots(clean) if is_soft and "overshoots" in config.stages else clean
+        pictures, maps = [image.transpose(2, 0, 1)], [flat]
         while max(pictures[-1].shape) > config.base_side_px:
             pictures.append(half_image(pictures[-1]))
             maps.append(half_map(maps[-1]))
         scale, colors, small = 2 ** (len(maps) - 1), pictures[-1], maps[-1]
-        softness = soft_edge_fraction(clean) if plan is None else plan.softness
-        is_soft = "sharpen" in config.stages and softness > config.min_softness
         start = repair_soft_edges(small) if is_soft else small
         if plan is None:
             diagnosis = diagnose(colors, start, noise, softness, config)
