@@ -34,7 +34,7 @@ from bokehnet.depth_repair.stages.deblur import estimate_blur, restore_blurred_d
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
-from bokehnet.depth_repair.stages.overshoots import remove_overshoots
+from bokehnet.depth_repair.stages.overshoots import overshoot_fraction, remove_overshoots
 from bokehnet.depth_repair.stages.register import Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
@@ -167,7 +167,8 @@ class DisparityRepair:
         softness = soft_edge_fraction(clean) if plan is None else plan.softness
         is_soft = "sharpen" in config.stages and softness > config.min_softness
         flat = remove_overshoots(clean) if is_soft and "overshoots" in config.stages else clean
-        pictures, maps = [image.transpose(2, 0, 1)], [flat]
+        rings = flat is not clean and overshoot_fraction(clean, flat) >= config.min_overshoots
+        pictures, maps = [image.transpose(2, 0, 1)], [flat if rings else clean]
         while max(pictures[-1].shape) > config.base_side_px:
             pictures.append(half_image(pictures[-1]))
             maps.append(half_map(maps[-1]))
