@@ -70,7 +70,6 @@ def prepare(
         scene = replace(
             scene,
             image=bars.inside(scene.image),
-            alpha=None if scene.alpha is None else bars.inside(scene.alpha),
             depth=replace(scene.depth, values=values),
             window=bars.window_inside(scene.window),
         )
@@ -133,8 +132,9 @@ def _pixel_shape(aspect: float) -> tuple[str, ...]:
 
 
 def _bars_of(scene: Scene) -> BlackBars | None:
-    """Return the black bars of a picture without further information about its edges."""
+    """Return the black bars of an opaque picture without further information about its edges."""
     is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
+    is_plain = is_plain and scene.alpha is None
     return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
 
 
