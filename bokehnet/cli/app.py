@@ -106,12 +106,12 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"out of memory, try a smaller picture ({error})")
     except BrokenPipeError:  # the reader of stdout has enough
         return 1
+    except (KeyboardInterrupt, click.Abort):  # Abort is a RuntimeError
+        code = _INTERRUPTED
     except (ImportError, OSError, RuntimeError) as error:
         if (problem := shortage(error)) is None:
             raise
         return _fail(problem)
-    except (KeyboardInterrupt, click.Abort):
-        code = _INTERRUPTED
     if code == _INTERRUPTED:
         click.echo("bokehnet: interrupted", err=True)
     return code if isinstance(code, int) else 0

@@ -36,6 +36,18 @@ def expose_layout(
 
     Raises:
         ParameterError: The scene has known edges, or is supersampled.
+
+    Examples:
+        >>> from bokehnet.render.renderer import BokehRenderer
+        >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> lamp = np.full((40, 80, 3), 0.01, np.float32)
+        >>> lamp[20, 0] = 9
+        >>> scene = make_scene(lamp, ConstantDisparity(value=0))
+        >>> changes = {"input": {"projection": "equirect"}, "camera": {"blur": 4}, "focus": {"value": 1}}
+        >>> bokeh = BokehRenderer("scatter").render(scene, RenderSettings().updated(changes)).bokeh
+        >>> bool(bokeh[20, -2, 0] > 0.1)  # across the seam
+        True
     """
     name = "projection" if settings.input.projection != "flat" else "stereo"
     if scene.known is not None or scene.layers is not None or scene.supersampled > 1:

@@ -146,7 +146,6 @@ def _prepare_picture(
         original = scene = replace(
             scene,
             image=bars.inside(scene.image),
-            alpha=None if scene.alpha is None else bars.inside(scene.alpha),
             depth=replace(scene.depth, values=bars.inside(map_at_picture_size(scene, settings.depth))),
             window=bars.window_inside(scene.window),
         )
@@ -292,8 +291,9 @@ def _pixel_shape(aspect: float) -> tuple[str, ...]:
 
 
 def _bars_of(scene: Scene) -> BlackBars | None:
-    """Return the black bars of a picture without further information about its edges."""
+    """Return the black bars of an opaque picture without further information about its edges."""
     is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
+    is_plain = is_plain and scene.alpha is None
     return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
 
 

@@ -6,9 +6,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING
 
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job
@@ -34,6 +32,10 @@ from bokehnet.sequence.shot import Shot, frames_of_shot, probe_frames
 from bokehnet.sequence.temporal_filter import REACH_FRAMES
 from bokehnet.sequence.tracking import TrackedPoint, track_through
 from bokehnet.settings.settings import RenderSettings
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 __all__ = [
     "FrameJob",
@@ -151,9 +153,9 @@ def tracked_path(job: FrameJob, sequence: SequenceSettings) -> list[TrackedPoint
     existing = existing_frames(job.image) if is_pattern(job.image) else range(first, last + 1)
     numbers = [number for number in sorted(existing) if first <= number <= last]
 
-    def read(number: int) -> npt.NDArray[np.float32]:
+    def read(number: int) -> "npt.NDArray[np.float32]":
         light = read_image(frame_path(job.image, number))
-        return np.asarray(linear_to_srgb(np.clip(light, 0, 1)), np.float32)
+        return linear_to_srgb(light.clip(0, 1)).astype("float32")
 
     if start not in numbers:
         raise ParameterError("sequence.track", expected="a frame that exists", shown=f"frame {start}")

@@ -6,8 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from bokehnet.cli.commands.models import ensure_model
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import compile_notice, stages
@@ -55,7 +53,7 @@ def render_video(
                 "--track", expected="a pixel of a video's first frame", shown=f"frame {start}"
             )
         check_track(x, y, info.width, info.height)
-        encoded = (linear_to_srgb(np.clip(light, 0, 1)) for light in read_video(info))
+        encoded = (linear_to_srgb(light.clip(0, 1)) for light in read_video(info))
         path = list(track_point(enumerate(encoded, 1), x, y))
         write_track_notice(path, 1)
     metric = gives_metric_depth(settings, blur_pulled=sequence.blur_from is not None)

@@ -48,6 +48,10 @@ class MissingData:
         mask: True where there are no data, (H, W).
         counts: Number of pixels by kind, such as "0" or "NaN".
         notes: Doubts about values, one line each.
+
+    Examples:
+        >>> MissingData(mask=np.array([[True, False]]), counts={"0": 1}).counts
+        {'0': 1}
     """
 
     mask: Mask
@@ -69,6 +73,11 @@ def find_missing_depth(
         largest_integer: Largest integer of the file; None for floats.
         is_disparity: True for metric disparity, False for depth.
         no_data: Number of pixels without data; None applies only the rules above.
+
+    Examples:
+        >>> numbers = np.array([[0, 900, np.nan, np.inf]], np.float32)
+        >>> find_missing_depth(numbers, None, is_disparity=False, no_data=None).mask.tolist()
+        [[True, False, True, False]]
     """
     masks = {"NaN": np.isnan(numbers), "negative": numbers < 0}
     if is_disparity:
@@ -99,6 +108,11 @@ def find_missing_disparity(
         largest_integer: Largest integer of the file; None for floats.
         invert: True if large numbers are far.
         no_data: Number of pixels without data; None applies only the rules above.
+
+    Examples:
+        >>> numbers = np.array([[-1, 20, 30, np.inf]], np.float32)
+        >>> find_missing_disparity(numbers, None, invert=False, no_data=None).mask.tolist()
+        [[True, False, False, True]]
     """
     finite = np.isfinite(numbers)
     masks = {"NaN": np.isnan(numbers), "infinite": np.isinf(numbers)}
@@ -152,6 +166,13 @@ def filled_map(
 
     Raises:
         ImageFileError: No pixel has data, or some have none and ``holes`` is "error".
+
+    Examples:
+        >>> values = np.array([[0.5, np.nan]], np.float32)
+        >>> missing = MissingData(mask=np.isnan(values), counts={"0": 1})
+        >>> filled, words, _ = filled_map(values, missing, None, "fill", "map.png")
+        >>> filled.tolist(), words
+        ([[0.5, 0.5]], ('50 % of the map without data filled',))
     """
     holey = np.isnan(values)
     count = int(holey.sum())
