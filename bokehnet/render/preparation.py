@@ -58,6 +58,10 @@ class _Map(NamedTuple):
     plan: RepairPlan | None = None
 
 
+# Blur radii from which recovered light is used, partly and altogether, pixels.
+_RECOVERED_RADII_PX = 0.5, 2.0
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Picture:
     """Scene with everything that does not depend on focus and blur.
@@ -201,6 +205,24 @@ def _recovered_light(scene: Scene, nearness: Array, settings: RenderSettings) ->
     return recover_light(scene.image, nearness, highlights.strength)
 
 
+def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Array:
+    """Return a picture with the recovered light of what is blurred.
+
+    What is in focus stays as the camera recorded it: its recovered light would only be clipped again, in
+    another colour.
+
+    Args:
+        image: Picture as read, scene-linear, (H, W, 3).
+        light: Recovered light.
+        defocus: Signed blur radius, pixels, (H, W).
+    """
+    if not light.fraction:
+        return light.image
+    low, high = _RECOVERED_RADII_PX
+    weight = np.clip((np.abs(defocus) - low) / (high - low), 0, 1).astype(np.float32)
+    return image + weight[..., None] * (light.image - image)
+
+
 def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
     """Return a prepared picture in focus.
 
@@ -230,7 +252,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         if settings.input.stereo == "side-by-side" and scene.depth.kind == "metric":
             values = values / np.float32(2)  # half of the picture spans the sensor
         notes += unexpected_blur(scene.depth, picture.map.ends, lens, values)
-    image, choice = picture.light.image, picture.pixel_filter
+    image, choice = _light_of_blurred(scene.image, picture.light, values), picture.pixel_filter
     if original.supersampled > scene.supersampled:
         radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
         pixel_filter = None if choice is None else choice.specified_or_default

@@ -11,14 +11,16 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from bokehnet.errors import ConfigError, ParameterError, errors_of_file
 from bokehnet.io.files.text import read_text
 from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
-from bokehnet.sequence.tracking import TrackedPoint
 from bokehnet.settings.fields import Group, field_settings, setting
 from bokehnet.settings.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from bokehnet.sequence.tracking import TrackedPoint  # imports NumPy
 
 __all__ = [
     "PULL_PARAMETERS",
@@ -130,7 +132,7 @@ def make_pull(
     settings: SequenceSettings,
     *,
     metric: bool,
-    path: Sequence[TrackedPoint] = (),
+    path: "Sequence[TrackedPoint]" = (),
 ) -> Pull:
     """Return the pull over the frames.
 

@@ -218,7 +218,7 @@ def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
 
 
 def test_a_plane_that_leans_beyond_all_rays_is_told(fails):
-    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45)
+    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45, "-q")
     fails(words, "error: --tilt-x: expected a defocus that changes by up to", "tilt less or blur less")
 
 

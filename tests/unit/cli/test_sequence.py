@@ -89,8 +89,9 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     older = (shot / "out.0002.png").read_bytes()
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
-    told = r"bokehnet: 3 frames rendered, 1 exist already \(--overwrite renders them again\), \d+\.\d s\n"
-    assert re.fullmatch(told, outcome.err)
+    existing = r"1 exist already \(--overwrite renders them again\)"
+    line = rf"bokehnet: 3 frames rendered, {existing}, \d+\.\d s; assumed: bright is near\n"
+    assert re.fullmatch(line, outcome.err)
     assert (shot / "out.0002.png").read_bytes() == older
     assert len(outputs(shot)) == 4
     assert cli(*SHOT, *FOCUS, "--frames", "1-4", "--overwrite").code == 0
@@ -180,7 +181,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--f-number-from", 2, "--f-number-to", 4),
-            "--f-number: expected nothing: it does not apply to --disparity, got 2",
+            "--f-number: expected nothing: it does not apply to --disparity with --blur, got 2",
         ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (

@@ -258,7 +258,7 @@ def test_a_file_that_cannot_be_written_is_told_and_nothing_is_left(tmp_path):
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        ("blads = 5\n", ConfigError, "unknown option 'blads'; expected one of .*cats-eye"),
+        ("blads = 5\n", ConfigError, "unknown option 'blads'; did you mean blades"),
         ("[aperture]\nblads = 5\n", ConfigError, "unknown option 'aperture.blads'"),
         ("[apertures]\nblades = 5\n", ConfigError, "unknown option 'apertures'"),
         ("[aperture.blades]\nmany = 5\n", ConfigError, "aperture.blades: expected a number"),
