@@ -114,9 +114,14 @@ def test_depth_in_another_unit_is_told(folder, cli, write_channels, factor, unit
     write_channels(folder / "z.exr", Z=metres * factor)
     options = [*METRIC, "--depth-unit", unit, "-o", "out.png"]
     found = [
-        line for line in notes(cli("render", "large.png", "--depth", "z.exr", *options)) if "%" not in line
+        line
+        for line in notes(cli("render", "large.png", "--depth", "z.exr", *options))
+        if line and "%" not in line
     ]
-    assert (found == []) if words is None else (words in found[0] and "check --depth-unit" in found[0])
+    expected = [] if words is None else [line for line in found if words in line]
+    assert found == expected
+    assert all("check --depth-unit" in line for line in found)
+    assert bool(found) == (words is not None)
 
 
 def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):

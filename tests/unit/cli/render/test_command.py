@@ -185,10 +185,8 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
     outcome = cli_process(*words, "--engine", "magic")
     assert (outcome.code, outcome.out) == (1, "")
     engines = ", ".join(sorted(ENGINES))
-    assert (
-        outcome.err
-        == f"bokehnet: error: --engine: expected one of {engines}, got 'magic'; see bokehnet render --help engine\n"
-    )
+    message = f"bokehnet: error: --engine: expected one of {engines}, got 'magic'"
+    assert outcome.err == f"{message}; see bokehnet render --help engine\n"
 
 
 @pytest.mark.parametrize("name", ["jimenez", "bokehme_scatter"])
