@@ -82,6 +82,8 @@ for _command in (
     *(render, compare, demo, depth, export, info, lens, models),
     *(presets, serve, studio, synth, trace, warm_up),
 ):
+    # click keeps the help option of a command from its first use, which may be without the group.
+    _command.context_settings.setdefault("help_option_names", ["-h", "--help"])
     app.add_command(_command)
 
 
