@@ -36,6 +36,22 @@ def expose_layout(
 
     Raises:
         ParameterError: The scene has known edges, or is supersampled.
+
+    Examples:
+        >>> from bokehnet.optics.aperture import Aperture
+        >>> from bokehnet.optics.aberrations.lens_response import LensResponse
+        >>> from bokehnet.render.renderer import BokehRenderer
+        >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> pair = np.ones((24, 32, 3), np.float32)
+        >>> pair[:, 16:] = 0.5  # the right eye sees half the light
+        >>> changes = {"input": {"stereo": "side-by-side"}, "camera": {"blur": 6}, "focus": {"value": 1}}
+        >>> settings = RenderSettings().updated(changes)
+        >>> scene = BokehRenderer().prepare(make_scene(pair, ConstantDisparity(value=0)), settings)
+        >>> optics = Aperture(), LensResponse(), None
+        >>> result = expose_layout(scene, settings, Engine("scatter"), optics, ignore_progress)
+        >>> result.bokeh[12, [0, 15, 16, 31], 0].round(3).tolist()  # no light crosses the border
+        [1.0, 1.0, 0.5, 0.5]
     """
     name = "projection" if settings.input.projection != "flat" else "stereo"
     if scene.known is not None or scene.layers is not None or scene.supersampled > 1:

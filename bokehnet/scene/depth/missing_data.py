@@ -48,6 +48,11 @@ class MissingData:
         mask: True where there are no data, (H, W).
         counts: Number of pixels by kind, such as "0" or "NaN".
         notes: Doubts about values, one line each.
+
+    Examples:
+        >>> missing = MissingData(mask=np.array([[True, False]]), counts={"NaN": 1})
+        >>> int(missing.mask.sum()), missing.notes
+        (1, ())
     """
 
     mask: Mask
@@ -69,6 +74,14 @@ def find_missing_depth(
         largest_integer: Largest integer of the file; None for floats.
         is_disparity: True for metric disparity, False for depth.
         no_data: Number of pixels without data; None applies only the rules above.
+
+    Examples:
+        >>> metres = np.array([[np.inf, 0, 2], [np.nan, -1, 3]], np.float32)
+        >>> missing = find_missing_depth(metres, None, is_disparity=False, no_data=None)
+        >>> missing.mask.tolist()  # infinite depth is sky
+        [[False, True, False], [True, True, False]]
+        >>> missing.counts
+        {'NaN': 1, 'negative': 1, '0': 1}
     """
     masks = {"NaN": np.isnan(numbers), "negative": numbers < 0}
     if is_disparity:
@@ -99,6 +112,12 @@ def find_missing_disparity(
         largest_integer: Largest integer of the file; None for floats.
         invert: True if large numbers are far.
         no_data: Number of pixels without data; None applies only the rules above.
+
+    Examples:
+        >>> numbers = np.array([[-1, 12], [40, np.nan]], np.float32)
+        >>> missing = find_missing_disparity(numbers, None, invert=False, no_data=None)
+        >>> missing.mask.tolist(), missing.counts
+        ([[True, False], [False, True]], {'NaN': 1, 'infinite': 0, '-1': 1})
     """
     finite = np.isfinite(numbers)
     masks = {"NaN": np.isnan(numbers), "infinite": np.isinf(numbers)}
@@ -152,6 +171,16 @@ def filled_map(
 
     Raises:
         ImageFileError: No pixel has data, or some have none and ``holes`` is "error".
+
+    Examples:
+        >>> values = np.full((2, 5), 0.5, np.float32)
+        >>> values[0, 3] = np.nan
+        >>> missing = MissingData(mask=np.isnan(values), counts={"NaN": 1})
+        >>> filled, words, notes = filled_map(values, missing, None, "fill", "map.png")
+        >>> float(filled[0, 3]), words
+        (0.5, ('10 % of the map without data filled',))
+        >>> notes[0]
+        'map.png: no data at 1 pixels (10 %: 1 NaN), first at x=3, y=0; filled along the surfaces of ...'
     """
     holey = np.isnan(values)
     count = int(holey.sum())
