@@ -61,6 +61,13 @@ def check_pixels(focus: FocusSettings, window: Window, supersampled: int = 1) ->
         focus: Focus settings.
         window: Position of the picture's pixels in the shown picture.
         supersampled: Size of the window relative to the pixels of the settings.
+
+    Examples:
+        >>> check_pixels(FocusSettings(at=(2, 1)), Window.whole(3, 2))
+        >>> check_pixels(FocusSettings(at=(3, 1)), Window.whole(3, 2))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.at: expected a pixel inside the picture of 3x2, got 3,1
     """
     size = window.display_width // supersampled, window.display_height // supersampled
     for pixel in (focus.at,) if focus.at is not None else focus.plane or ():
@@ -81,6 +88,12 @@ def stored_pixel(pixel: tuple[int, int], window: Window, name: str) -> tuple[int
 
     Raises:
         ParameterError: The file stores no such pixel.
+
+    Examples:
+        >>> from dataclasses import replace
+        >>> cropped = replace(Window.whole(60, 40), x=10, y=5, width=40, height=30)
+        >>> stored_pixel((12, 6), cropped, "focus.at")
+        (2, 1)
     """
     x, y = pixel
     if not (0 <= x < window.display_width and 0 <= y < window.display_height):
@@ -99,7 +112,15 @@ def _outside(pixel: tuple[int, int], size: tuple[int, int], name: str) -> Parame
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` if the settings would focus a defocus map again."""
+    """Raise ``ParameterError`` if the settings would focus a defocus map again.
+
+    Examples:
+        >>> check_nothing_to_focus(RenderSettings())
+        >>> check_nothing_to_focus(RenderSettings(focus=FocusSettings(value=0.4)))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.value: expected nothing: `input.defocus` is already focused...
+    """
     for name in ("value", "distance", "at", "range", "plane"):
         if getattr(settings.focus, name) is not None:
             raise ParameterError(
@@ -124,6 +145,14 @@ def check_kind(
         metric: True for metric depth, False for relative disparity.
         origin: Origin of the map for messages: a setting, or words.
         complete: True if the settings must contain the focus, as no file does.
+
+    Examples:
+        >>> focus, camera = FocusSettings(distance=2), CameraSettings(f_number=2)
+        >>> check_kind(focus, camera, metric=True, origin="input.depth")
+        >>> check_kind(focus, camera, metric=False, origin="input.disparity")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.distance: expected nothing: it does not apply to ...
     """
     holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
     errors = ErrorCollector()
@@ -170,6 +199,11 @@ def no_focus_error(metric: bool, why: str = "") -> ParameterError:
     Args:
         metric: True for metric depth, False for relative disparity.
         why: Text after the words "got none".
+
+    Examples:
+        >>> print(no_focus_error(metric=True))
+        focus.distance: expected one of `focus.distance`, `focus.at`, `focus.range` and `focus.plane`,
+        got none
     """
     *first, last = (f"`focus.{name}`" for name in _focus_fields(metric))
     return ParameterError(
@@ -185,5 +219,14 @@ def _focus_fields(metric: bool) -> tuple[str, ...]:
 
 
 def has_focus(focus: FocusSettings, metric: bool) -> bool:
-    """Return whether settings define the focus; ``focus.range`` "off" only shapes an automatic one."""
+    """Return whether settings define the focus; ``focus.range`` "off" only shapes an automatic one.
+
+    Args:
+        focus: Focus settings.
+        metric: True for metric depth, False for relative disparity.
+
+    Examples:
+        >>> has_focus(FocusSettings(at=(2, 1)), metric=True), has_focus(FocusSettings(range="off"), True)
+        (True, False)
+    """
     return any(getattr(focus, name) not in (None, "off") for name in _focus_fields(metric))

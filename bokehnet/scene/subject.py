@@ -89,7 +89,7 @@ class Subject:
         >>> disparity[15:45, 30:55] = 0.8  # a card in front of a wall
         >>> card = find_subject(np.full((60, 90, 3), 0.5, np.float32), disparity)
         >>> card.note(Window.whole(90, 60))
-        'focus on the subject, at pixel 42,29; `focus.at` or `focus.range` change this'
+        'focus on the subject at pixel 42,29 (`focus.at` changes it)'
     """
 
     position: tuple[int, int]

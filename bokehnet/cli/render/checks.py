@@ -6,6 +6,7 @@ Only headers are read, and no kernels are imported, so that mistakes are reporte
 import os
 from pathlib import Path
 
+from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.errors import ErrorCollector, ImageFileError, ParameterError
 from bokehnet.io.containers.input_checks import check_intact
 from bokehnet.io.formats.heif import heif_size, is_heif
@@ -22,7 +23,7 @@ from bokehnet.scene.depth.depth_source import EmbeddedDepth, MetricDepth, depth_
 from bokehnet.scene.depth.explicit_depth import map_camera
 from bokehnet.scene.focus_checks import check_focus, check_pixels
 from bokehnet.sequence.sequence import input_files
-from bokehnet.settings.settings import RenderSettings
+from bokehnet.settings.settings import EngineSettings, RenderSettings
 
 __all__ = ["check_inputs", "check_job", "picture_header"]
 
@@ -37,11 +38,14 @@ def check_job(image: Path, output: Path, settings: RenderSettings) -> None:
 
     Raises:
         ParameterError: All contradictory and missing settings, in one message.
+        MissingExtraError: The device needs packages that are not installed.
         ImageFileError: The output cannot be written.
     """
     errors = ErrorCollector()
     with errors.collect():
         check_focus(settings)
+    with errors.collect():
+        _check_device(settings.engine)
     check_writable(output)
     with errors.collect():
         check_output(output, settings.output)
@@ -61,6 +65,16 @@ def check_job(image: Path, output: Path, settings: RenderSettings) -> None:
             raise error.renamed("--output") from error
     errors.raise_all()
     _check_maps_folder(settings.output.save_maps)
+
+
+def _check_device(engine: EngineSettings) -> None:
+    """Raise ``ParameterError`` if the settings ask for a CUDA device that this machine lacks."""
+    if engine.device != "cuda":
+        return  # the others always exist, and this check imports torch
+    from bokehnet.engines.devices import device_of
+
+    name = engine.name or DEFAULT_ENGINE
+    device_of("cuda", ENGINES[name].classical if name in ENGINES else name)
 
 
 def _check_maps_folder(folder: Path | None) -> None:

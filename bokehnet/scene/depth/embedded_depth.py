@@ -129,12 +129,27 @@ def has_own_depth(path: Path) -> bool:
 
     Raises:
         ImageFileError: The file cannot be read.
+
+    Examples:
+        >>> from bokehnet.io.image import write_image
+        >>> write_image("photo.png", np.ones((2, 3, 3), np.float32))
+        >>> has_own_depth(Path("photo.png"))
+        False
     """
     return has_phone_depth(path) or (not is_heif(path) and picture_depth_channel(path) is not None)
 
 
 def no_depth_error(path: Path | None) -> ParameterError:
-    """Return the error of a picture without depth; None for an array."""
+    """Return the error of a picture without depth.
+
+    Args:
+        path: File of the picture; None for an array.
+
+    Examples:
+        >>> print(no_depth_error(Path("photo.png")))
+        input.disparity: expected one of `input.disparity` and `input.depth`, got neither, and photo.png has
+        no depth map; ...
+    """
     return ParameterError(
         "input.disparity",
         expected="one of `input.disparity` and `input.depth`",

@@ -306,6 +306,11 @@ def map_camera(path: Path) -> Camera | None:
 
     Raises:
         ImageFileError: The file cannot be read.
+
+    Examples:
+        >>> np.save("depth.npy", np.ones((2, 3), np.float32))
+        >>> map_camera(Path("depth.npy")) is None  # arrays of NumPy have no camera data
+        True
     """
     if path.suffix.lower() in NUMPY_EXTENSIONS:
         return None
