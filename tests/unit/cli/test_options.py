@@ -148,7 +148,7 @@ def test_help_of_render_imports_nothing_heavy(python_process):
 
 
 def completed(words, tmp_path, last):
-    """What the shell is offered for the last word. Authority: click's protocol for Bash."""
+    """Return the completions of the last word. Authority: click's protocol for Bash."""
     environment = {
         **os.environ,
         "_BOKEHNET_COMPLETE": "bash_complete",

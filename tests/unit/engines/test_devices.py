@@ -112,7 +112,7 @@ def test_the_command_prints_one_line_and_writes_nothing(no_device, tmp_path, cap
         "--disparity",
         tmp_path / "map.png",
         "--blur",
-        "2",
+        "4",
         "--focus",
         "0",
     ]

@@ -14,7 +14,7 @@ HEIGHT, WIDTH = 160, 240
 
 
 def stored(light, top=255):
-    """What an 8-bit file of ``light`` shows when it is read."""
+    """Return the light that an 8-bit file of ``light`` holds."""
     codes = np.round(linear_to_srgb(np.clip(light, 0, 1).astype(np.float32)) * top)
     return srgb_to_linear((codes / 255).astype(np.float32))
 
