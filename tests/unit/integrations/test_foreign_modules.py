@@ -79,7 +79,8 @@ def test_every_plug_in_starts_python_without_the_current_folder():
 
 
 def test_the_program_tells_its_own_processes(monkeypatch):
-    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # recorded, so that the variable does not stay after the test
+    monkeypatch.delenv("PYTHONSAFEPATH")
     from bokehnet.cli import app
 
     monkeypatch.setattr(sys, "argv", ["bokehnet", "--version"])
