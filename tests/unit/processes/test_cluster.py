@@ -49,7 +49,7 @@ def test_each_task_is_given_once_with_its_name_and_few_are_under_way():
     assert (ray.most, ray.cancelled) == (3, [])
 
 
-def test_order_is_kept_where_it_is_asked_for():
+def test_order_is_kept_where_it_is_requested():
     ray = Ray()
     assert list(results_in_order(ray, square, range(7), 3)) == [x * x for x in range(7)]
     assert (ray.most, ray.cancelled) == (3, [])

@@ -101,7 +101,7 @@ def test_a_heic_photo_gives_its_own_map_or_that_of_a_network(cli, network, photo
         ),
     ],
 )
-def test_a_mistake_is_told_in_one_line_and_nothing_is_written(cli, network, photo, arguments, words):
+def test_a_mistake_is_reported_in_one_line_and_nothing_is_written(cli, network, photo, arguments, words):
     before = sorted(photo.iterdir())
     outcome = cli("depth", *arguments)
     assert (outcome.code, outcome.out) == (1, "")

@@ -71,7 +71,7 @@ def test_without_a_truth_nothing_is_scored(scene, cli):
         (["--engines", "rays,diffusion", "--blades", "5"], "diffusion"),
     ],
 )
-def test_bad_input_is_told_in_a_line_and_nothing_is_written(scene, cli, options, message):
+def test_bad_input_is_reported_in_one_line_and_nothing_is_written(scene, cli, options, message):
     folder, words, _ = scene
     done = cli(*words, "-o", folder / "sheet.png", *options)
     assert done.code == 1

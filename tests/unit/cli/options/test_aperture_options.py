@@ -119,7 +119,7 @@ def test_the_rays_take_the_aperture_too(folder, cli):
         (["--aperture-image", "."], ["."]),
     ],
 )
-def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words):
     fails([*SCATTER, *options], *words)
 
 

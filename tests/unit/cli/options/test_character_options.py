@@ -103,7 +103,7 @@ def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_met
 
 
 @pytest.mark.slow
-def test_a_lens_darkens_the_corners_unless_told_not_to(folder, cli):
+def test_a_lens_darkens_the_corners_by_default(folder, cli):
     """Authority: the light of the traced lens, which has its own test, at the place of each pixel."""
     outcomes = [
         cli(*PHOTO, "--lens", "petzval", *words, "-o", f"{len(words)}.exr", "-q")
@@ -199,12 +199,12 @@ def test_mistakes_are_one_clear_line(fails, options, words):
         ("petzval", {"--sensor-width": 300}, ["--lens: "]),
     ],
 )
-def test_a_camera_that_the_lens_cannot_follow_is_told(fails, lens, changed, words):
+def test_a_camera_that_the_lens_cannot_follow_is_reported(fails, lens, changed, words):
     numbers = dict(zip(CAMERA[::2], CAMERA[1::2], strict=True)) | changed
     camera = [word for pair in numbers.items() for word in pair]
     fails([*SCENE[: -len(CAMERA)], *camera, "--lens", lens], *words)
 
 
-def test_a_lens_file_that_is_wrong_is_told(folder, fails):
+def test_a_lens_file_that_is_wrong_is_reported(folder, fails):
     (folder / "bad.toml").write_text('name = "Bad"\n')
     fails([*PHOTO, "--lens", "bad.toml"], "bad.toml")

@@ -178,5 +178,5 @@ def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
         (["--grain-size", 2], ["--grain-size: expected --grain for it to act on"]),
     ],
 )
-def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words):
     fails([*WORDS, *options], *words)

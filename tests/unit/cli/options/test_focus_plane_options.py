@@ -116,7 +116,7 @@ def test_three_pixels_of_a_depth_map_tilt_the_lens(defocus, folder, write_channe
     assert_allclose(by_pixels, by_tilt, rtol=1e-3, atol=0.02)
 
 
-def test_both_ends_of_a_focus_range_lean(defocus, steps):
+def test_both_ends_of_a_focus_range_are_tilted(defocus, steps):
     found = defocus(*RELATIVE, "--focus-range", "0.6,0.2", "--tilt-y", 45)
     lean = (X - 31.5) / WIDTH
     wanted = np.maximum(steps - 0.6 - lean, 0) + np.minimum(steps - 0.2 - lean, 0)
@@ -161,7 +161,7 @@ def test_rays_make_the_discs_conic_and_the_scatter_leaves_them_round(folder, cli
     assert np.abs(conic - rays(picture, defocus)).max() > 0.02
 
 
-def test_a_pull_moves_a_plane_that_leans(folder, cli):
+def test_a_pull_moves_a_tilted_plane(folder, cli):
     """Oracle: the single frames. The last one is written as --focus-to says."""
     words = (*RELATIVE, *FAST, "--tilt-x", 25)
     pull = ("--frames", "1-3", "--focus-from", 0.2, "--focus-to", 0.8)
@@ -213,16 +213,16 @@ def test_three_pixels_go_with_a_pull_of_the_blur(folder, cli):
         ),
     ],
 )
-def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words):
     fails([*RELATIVE, *FAST, *options], *words)
 
 
-def test_a_plane_that_leans_beyond_all_rays_is_told(fails):
+def test_a_plane_tilted_beyond_all_rays_is_reported(fails):
     words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45, "-q")
     fails(words, "error: --tilt-x: expected a defocus that changes by up to", "tilt less or blur less")
 
 
-def test_what_a_lens_cannot_do_is_told(fails, write_channels):
+def test_impossible_lens_settings_are_reported(fails, write_channels):
     fails([*METRIC, "--focus-distance", 0.0501, "--tilt-x", 20], "tilted lens: cannot focus at 50.1 mm")
     # At the left 60 mm away, at the right 2 m: it passes far less than 50 mm beside the lens.
     write_channels("steep.exr", Z=np.where(X < 32, 0.06, 2).astype(np.float32))

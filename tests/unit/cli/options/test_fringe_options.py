@@ -110,11 +110,11 @@ def test_strengths_of_0_change_no_bit(folder, cli):
         ),
     ],
 )
-def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words):
     fails([*RAYS, *options], *words)
 
 
-def test_an_empty_file_of_gains_is_told(folder, fails):
+def test_an_empty_file_of_gains_is_reported(folder, fails):
     (folder / "empty.txt").write_text("")
     fails(
         [*RAYS, "--axial-fringe", 1, "--equaliser", "empty.txt"], "--equaliser: expected 1 to 64 gains, got 0"

@@ -92,7 +92,7 @@ def test_the_hybrid_takes_highlights(folder, cli, random_weights):
         ),
     ],
 )
-def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words):
     fails([*SCATTER, *options], *words)
 
 

@@ -67,7 +67,7 @@ def test_complete_help_has_a_section_for_every_group(cli, command):
     assert max(map(len, outcome.out.splitlines())) <= 100
 
 
-def test_help_tells_every_setting_and_hides_the_earlier_names(cli):
+def test_help_lists_every_setting_and_hides_deprecated_names(cli):
     known = [*all_settings().values(), *field_settings(SequenceSettings).values()]
     shown = shown_flags(cli("render", "--help-all").out)
     assert {item.flag for item in known if item.flag} <= shown
@@ -122,7 +122,7 @@ def test_every_earlier_option_is_still_there():
 @pytest.mark.parametrize(
     "command", ["", "render", "demo", "depth", "export", "info", "lens", "presets", "trace"]
 )
-def test_every_command_knows_both_flags_of_help(cli, command):
+def test_every_command_has_both_help_flags(cli, command):
     outcomes = [cli(*command.split(), flag) for flag in ("-h", "--help")]
     assert [outcome.code for outcome in outcomes] == [0, 0]
     assert outcomes[0].out == outcomes[1].out
@@ -192,7 +192,7 @@ def test_both_names_of_one_option_are_too_many(fails):
     fails([*words, "--invert", "--no-invert"], "--invert: expected one of its two names, got both")
 
 
-def test_no_undoes_what_a_preset_or_a_file_says(folder, picture):
+def test_no_options_undo_presets_and_files(folder, picture):
     plain, inverted = picture(*FULL), picture(*FULL, "--invert")
     assert plain != inverted
     (folder / "mine.toml").write_text('[input]\ndisparity = "disparity.png"\n[depth]\ninvert = true\n')
@@ -244,7 +244,7 @@ def test_the_last_of_two_values_counts(picture):
         (["--jobs", 0, "--frames", "1"], ["--jobs: expected a whole number of at least 1, got 0"]),
     ],
 )
-def test_words_that_are_no_options_are_told_in_one_line(fails, options, words):
+def test_unknown_options_are_reported_in_one_line(fails, options, words):
     arguments = [word for word in FULL if word not in ("-o", "out.exr")]
     fails([*arguments, *options], *words)
 
@@ -288,7 +288,7 @@ def test_what_save_maps_writes_renders_the_same_again(folder, picture):
         ("[sequence]\nframes = [1]\n", ["unknown option 'sequence'"]),
     ],
 )
-def test_a_settings_file_that_is_wrong_is_told(folder, fails, text, words):
+def test_a_settings_file_that_is_wrong_is_reported(folder, fails, text, words):
     if text is not None:
         (folder / "mine.toml").write_text(text)
     fails(["render", "photo.png", *FAST, "--settings", "mine.toml"], *words)
@@ -321,7 +321,7 @@ def test_defocus_maps_may_be_a_sequence(folder, cli):
     assert_array_equal(read_image("out.2.exr"), read_image("out.exr"))
 
 
-def test_a_constant_disparity_blurs_all_alike(folder, picture):
+def test_a_constant_disparity_blurs_evenly(folder, picture):
     picture(*SHORT, "--constant-disparity", 0.9, "--blur", 10, "--focus", 0.4, "--save-maps", "maps")
     assert_allclose(read_map("maps/defocus.exr"), 5, rtol=1e-6)
 
@@ -377,7 +377,7 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
         (["--depth-model", "photo.png", "--channel", "Z"], ["--channel: expected --disparity, --depth or"]),
     ],
 )
-def test_a_mistake_about_the_other_sources_is_told(fails, options, words):
+def test_a_mistake_about_the_other_sources_is_reported(fails, options, words):
     fails(["render", "photo.png", *FAST, *options], *words)
 
 

@@ -71,7 +71,7 @@ def test_settings_files_say_the_same(p3, cli, folder):
         (("-o", "out.jpg", "--quality", 0), ("--quality: expected 1 to 100",)),
     ],
 )
-def test_what_cannot_be_is_told_before_anything_is_read(folder, cli, options, words):
+def test_impossible_settings_are_reported_before_anything_is_read(folder, cli, options, words):
     outcome = cli("render", "nowhere.png", *SHARP, *options)
     assert outcome.code == 1
     for word in words:
@@ -95,7 +95,7 @@ def test_dither_is_for_blurred_light_alone_and_can_be_off(folder, cli):
     assert_array_equal(pictures[0][:, :8], pictures[3][:, :8])  # far from all blur
 
 
-def test_a_table_profile_is_told(folder, cli):
+def test_a_table_profile_is_reported(folder, cli):
     lut = profiles.profile(b"RGB ", {b"desc": profiles.named("printer"), b"A2B0": b"mft2"})
     Image.open("photo.png").save("photo.png", icc_profile=lut)
     outcome = cli("render", "photo.png", *SHARP, "-o", "out.png")

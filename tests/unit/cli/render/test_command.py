@@ -211,7 +211,7 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-4)  # focus: median of a patch
 
 
-def test_without_output_the_result_is_beside_the_picture_and_never_replaces_a_file(folder, cli):
+def test_without_output_the_result_is_next_to_the_picture_and_never_replaces_a_file(folder, cli):
     """Rule: photo_bokeh.png, then photo_bokeh_2.png; the same picture as with -o."""
     words = (*RELATIVE, *SCATTER, "--blur", 6, "--focus", 0.4, "-q")
     assert cli(*words, "-o", "wanted.png").code == 0

@@ -52,14 +52,14 @@ def test_the_camera_in_the_file_fills_what_was_not_typed_and_options_win(defocus
     assert np.abs(at_pixel - wanted).max() > 0.1
 
 
-def test_the_camera_may_stand_in_the_file_of_the_depth(defocus):
+def test_the_camera_may_come_from_the_file_of_the_depth(defocus):
     wanted = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
     add_attributes("camera.exr", effectiveFocalLength=50.0, aperture=2.0, focus=1.5, cameraAperture=36.0)
     found = defocus("render", "photo.png", *DEPTH[2:])
     assert_allclose(found, wanted, rtol=1e-5)
 
 
-def test_what_no_file_tells_is_asked_for(fails):
+def test_a_value_missing_in_the_file_is_requested(fails):
     add_attributes("camera.exr", effectiveFocalLength=50.0)
     fails(
         ["render", "camera.exr", "--depth", "camera.exr", *FAST],

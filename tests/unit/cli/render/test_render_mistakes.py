@@ -102,7 +102,7 @@ def test_a_file_that_is_no_picture(fails, folder):
     fails([*PHOTO, "--disparity", "letter.png", *SIZES], "letter.png", "expected PNG")
 
 
-def test_sizes_that_differ_are_told_with_the_way_out(fails, folder, write_channels):
+def test_sizes_that_differ_are_reported_with_the_way_out(fails, folder, write_channels):
     write_map("small.png", np.linspace(0, 1, 30 * 20).reshape(20, 30))
     words = (f"{WIDTH}x{HEIGHT}", "30x20", "--resize-disparity")
     fails([*PHOTO, "--disparity", "small.png", *SIZES], "disparity", *words)
@@ -111,7 +111,7 @@ def test_sizes_that_differ_are_told_with_the_way_out(fails, folder, write_channe
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_disparity_that_is_not_finite_is_told_with_its_place(fails, value, write_channels):
+def test_non_finite_disparity_is_reported_with_its_position(fails, value, write_channels):
     disparity = np.linspace(0, 1, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
     disparity[3, 7] = value
     write_channels("bad.exr", Y=disparity)
@@ -119,7 +119,7 @@ def test_disparity_that_is_not_finite_is_told_with_its_place(fails, value, write
 
 
 @pytest.mark.parametrize("value", [0, -2.5, np.nan, -np.inf])
-def test_depth_that_is_not_above_zero_is_told_with_its_place(fails, value, write_channels):
+def test_depth_not_above_zero_is_reported_with_its_position(fails, value, write_channels):
     depth = np.full((HEIGHT, WIDTH), 2.0)
     depth[3, 7] = value
     write_channels("bad.exr", Z=depth)
@@ -136,7 +136,7 @@ def test_depth_that_is_not_above_zero_is_told_with_its_place(fails, value, write
         (".", ["found a folder"]),
     ],
 )
-def test_an_output_that_cannot_be_written_is_told_before_any_work(fails, output, words):
+def test_an_output_that_cannot_be_written_is_reported_before_any_work(fails, output, words):
     fails(["render", "unread.png", "--disparity", "unread.png", *SIZES], *words, output=output)
 
 
@@ -167,7 +167,7 @@ def test_weights_with_a_wrong_hash(fails, folder, random_weights):
     ("text", "words"),
     [("not json", ["expected JSON"]), (json.dumps({"format": 99}), ["format 1, found 99"]), ("[]", ["None"])],
 )
-def test_a_manifest_that_is_none(fails, folder, text, words):
+def test_an_invalid_manifest_is_reported(fails, folder, text, words):
     (folder / "weights").mkdir()
     (folder / "weights" / "manifest.json").write_text(text)
     fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)

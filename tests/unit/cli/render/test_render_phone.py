@@ -95,7 +95,7 @@ def test_without_any_option_the_f_number_is_that_of_the_phone(defocus):
     assert_allclose(defocus()[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.9), rtol=1e-4)
 
 
-def test_options_win_over_what_the_photo_tells(defocus):
+def test_options_override_the_metadata_of_the_photo(defocus):
     found = defocus("--f-number", 2, "--focal-length", 50, "--focus-distance", 3)
     assert_allclose(found[2, 2], radius(metres(BACK), 3, 50, 2), rtol=1e-4)
     assert_allclose(found[24, 32], radius(metres(FRONT), 3, 50, 2), rtol=1e-4)
@@ -124,7 +124,7 @@ def test_blur_takes_the_map_as_relative_disparity(defocus):
     assert_allclose(defocus("--blur", 9)[[24, 2], [32, 2]], [0, -9], atol=1e-5)
 
 
-def test_a_photo_without_depth_is_told(portrait, cli):
+def test_a_photo_without_depth_is_reported(portrait, cli):
     write_bytes(portrait / "plain.jpg", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
     outcome = cli("render", "plain.jpg", "-o", "out.jpg", "--f-number", 1.8)
     assert outcome.code == 1

@@ -36,7 +36,7 @@ def test_a_map_that_is_turned_against_its_picture_is_not_squashed(folder, fails,
     )
 
 
-def test_a_square_map_is_stretched_where_that_is_asked(folder, cli):
+def test_a_square_map_is_stretched_on_request(folder, cli):
     """Networks may see a square: the side of either is no sign of a turn."""
     write_image("square.png", np.linspace(0, 1, 32 * 32).reshape(32, 32, 1).repeat(3, -1))
     words = ["--disparity", "square.png", *RELATIVE, "--resize-disparity", "-o", "out.png"]
@@ -81,14 +81,14 @@ def test_a_png_and_an_exr_may_be_written_in_place(folder, cli):
     assert np.isinf(read_map("camera.exr", "Z")).any()  # its other channels stay
 
 
-def test_a_constant_map_is_told(folder, cli):
+def test_a_constant_map_is_reported(folder, cli):
     write_image("flat.png", np.full((40, 64, 3), srgb_to_linear(np.float32(188 / 255))))
     found = notes(cli("render", "photo.png", "--disparity", "flat.png", *RELATIVE, "-o", "out.png"))
     assert found == ["the disparity map is 0.737255 everywhere: every pixel is blurred equally", *found[1:]]
     assert "nothing is sharp: focus is at 0.4, disparity 0.737" in found[1]
 
 
-def test_a_map_that_is_nearly_constant_is_told(folder, cli, write_channels):
+def test_a_map_that_is_nearly_constant_is_reported(folder, cli, write_channels):
     values = np.full((40, 64), 0.5)
     values[:, 30:] = 0.5005
     write_channels(folder / "flat.exr", disparity=values)
@@ -108,7 +108,7 @@ def test_a_map_that_is_nearly_constant_is_told(folder, cli, write_channels):
         (0.001, "1/m", "nothing is sharp: focus is at 2 m, depth 200 to 666.7 m"),
     ],
 )
-def test_depth_in_another_unit_is_told(folder, cli, write_channels, factor, unit, words):
+def test_depth_in_another_unit_is_reported(folder, cli, write_channels, factor, unit, words):
     write_image("large.png", np.random.default_rng(0).random((200, 300, 3)))
     metres = np.tile(np.linspace(1.5, 5, 300), (200, 1))
     write_channels(folder / "z.exr", Z=metres * factor)
@@ -124,7 +124,7 @@ def test_depth_in_another_unit_is_told(folder, cli, write_channels, factor, unit
     assert bool(found) == (words is not None)
 
 
-def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):
+def test_a_camera_without_blur_is_reported(folder, cli, write_channels):
     write_channels(folder / "z.exr", Z=np.tile(np.linspace(900, 5000, 64), (40, 1)))
     words = [*CAMERA, "--focus-distance", "2000", "--engine", "scatter", "-o", "out.png"]
     (found,) = notes(cli("render", "photo.png", "--depth", "z.exr", *words))
@@ -217,7 +217,7 @@ def test_no_data_of_disparity_is_infinitely_far(folder, cli, write_channels):
 
 
 @pytest.mark.parametrize("jobs", [[], ["--jobs", "2"]])
-def test_of_a_sequence_the_first_frame_tells(folder, cli_process, jobs):
+def test_the_first_frame_of_a_sequence_decides(folder, cli_process, jobs):
     write_image("flat.png", np.full((40, 64, 3), 0.5))
     for frame in (1, 2, 3):
         write_image(f"shot.{frame}.png", read_image("photo.png"))

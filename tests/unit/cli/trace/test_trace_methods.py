@@ -40,7 +40,7 @@ def test_peeled_is_the_method_of_layers(cli, scene, tmp_path):
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
-def test_adaptive_films_tell_their_samples_and_go_on(cli, scene, tmp_path):
+def test_adaptive_films_report_their_samples_and_resume(cli, scene, tmp_path):
     for samples in (20, 40):
         assert cli("trace", scene, "-o", tmp_path / "a.exr", "--adaptive", "--samples", samples).code == 0
     assert cli("trace", scene, "-o", tmp_path / "b.exr", "--adaptive", "--samples", 40).code == 0

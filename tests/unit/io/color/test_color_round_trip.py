@@ -184,7 +184,7 @@ def test_hdr_code_points_come_back(tmp_path):
     assert read_frame(tmp_path / "out.jpg").space.name == "Display P3"
 
 
-def test_unknown_code_points_are_told(tmp_path):
+def test_unknown_code_points_are_reported(tmp_path):
     write_png(
         tmp_path / "in.png", (1, 1, 3), np.uint8, np.zeros((1, 1, 3)).__getitem__, [(b"cICP", b"\7\1\0\1")]
     )
@@ -218,7 +218,7 @@ def test_the_primaries_of_a_png_count(tmp_path):
     assert read_frame(tmp_path / "b.png").space.shares_primaries(COLOR_SPACES["display-p3"])
 
 
-def test_a_camera_that_says_adobe_rgb_is_believed(tmp_path, photo):
+def test_adobe_rgb_of_exif_is_used(tmp_path, photo):
     """JEITA CP-3461 (DCF): uncalibrated, and interoperability R03."""
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA001] = 65535
@@ -232,7 +232,7 @@ def test_a_camera_that_says_adobe_rgb_is_believed(tmp_path, photo):
     ).startswith("Adobe RGB")
 
 
-def test_exr_of_a_p3_photograph_tells_its_primaries(tmp_path, photo):
+def test_exr_of_a_p3_photograph_names_its_primaries(tmp_path, photo):
     Image.fromarray(photo).save(tmp_path / "in.png", icc_profile=profiles.KNOWN["p3"])
     frame = read_frame(tmp_path / "in.png")
     write_frame(tmp_path / "out.exr", frame, frame.image)

@@ -8,13 +8,13 @@ from bokehnet.io.color.color_space import COLOR_SPACES, SRGB, cicp_space, conver
 from bokehnet.io.color.transfer import HLG, PQ, Curve, power
 
 
-def test_pq_tells_luminance():
+def test_pq_decodes_to_luminance():
     """ITU-R BT.2408-7, table 1: 58 % is 203 cd/m^2; BT.2100-2, table 4: 100 % is 10 000 cd/m^2."""
     light = PQ.decode(np.array([0.0, 0.5806, 1.0]))
     assert_allclose(light, [0, 1, 10000 / 203], rtol=2e-3, atol=1e-9)
 
 
-def test_hlg_tells_scene_light():
+def test_hlg_decodes_to_scene_light():
     """ITU-R BT.2100-2, table 5: 0.5 is a twelfth of the peak; BT.2408-7: 75 % is reference white."""
     light = HLG.decode(np.array([0.0, 0.5, 0.75, 1.0]))
     assert light[2] == 1
@@ -30,7 +30,7 @@ def test_encoding_undoes_decoding(curve):
     assert_allclose(curve.encode(curve.decode(stored)), stored, atol=1e-6)
 
 
-def test_ends_of_a_table_that_tell_the_same_light_are_black_and_white():
+def test_ends_of_a_table_with_equal_light_are_black_and_white():
     curve = Curve("table", (0.0, 0.0, 0.2, 1.0, 1.0))
     assert_allclose(curve.encode(np.array([0.0, 1.0])), [0, 1])
 

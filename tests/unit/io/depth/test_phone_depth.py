@@ -209,7 +209,7 @@ def test_apple_depth_is_inverted(save):
     ],
     ids=["plain", "empty packet", "other segment", "png", "two pictures", "gain map alone"],
 )
-def test_a_photo_without_a_map_gives_none(save, content):
+def test_a_photo_without_a_map_returns_none(save, content):
     assert read_phone_depth(save(content)) is None
 
 
@@ -274,7 +274,7 @@ DAMAGED = {
 
 
 @pytest.mark.parametrize(("content", "words"), DAMAGED.values(), ids=DAMAGED.keys())
-def test_damage_is_told_in_one_line_that_names_the_photo(save, content, words):
+def test_damage_is_reported_in_one_line_that_names_the_photo(save, content, words):
     path = save(content)
     with pytest.raises(ImageFileError, match=words) as caught:
         read_phone_depth(path)
@@ -294,7 +294,7 @@ def test_a_map_of_a_huge_declared_size_is_refused_before_it_is_decoded(save):
 
 
 @pytest.mark.parametrize("name", ["missing.jpg", "folder"])
-def test_what_is_no_file_is_told(tmp_path, name):
+def test_a_missing_file_is_reported(tmp_path, name):
     (tmp_path / "folder").mkdir()
     with pytest.raises(ImageFileError, match=name):
         read_phone_depth(tmp_path / name)
@@ -432,7 +432,7 @@ def test_the_original_comes_in_the_primaries_of_its_photo(save, own):
     assert_allclose(found.all_in_focus, wanted, atol=0.015)
 
 
-def test_a_damaged_heic_is_told(save, heic):
+def test_a_damaged_heic_is_reported(save, heic):
     whole = heic(PICTURE, GREY)
     for length in [20, 200, 500, 700]:
         path = save(whole[:length], "a.heic")
@@ -441,7 +441,7 @@ def test_a_damaged_heic_is_told(save, heic):
                 read(path)
 
 
-def test_heic_without_the_extra_says_what_to_install(save, heic, monkeypatch):
+def test_heic_without_the_extra_names_it(save, heic, monkeypatch):
     path = save(heic(PICTURE, GREY), "a.heic")
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
     with pytest.raises(MissingExtraError, match=r"bokehnet\[heif\]"):

@@ -44,7 +44,7 @@ def test_samples_come_as_they_were_written(tmp_path, tile, compression):
 
 
 @pytest.mark.parametrize(("tile", "compression"), STORED)
-def test_points_are_laid_over_each_other(tmp_path, tile, compression):
+def test_points_are_composited(tmp_path, tile, compression):
     """Authority: a loop over the samples of each pixel, Porter and Duff's over."""
     pixels = deep_samples()
     path = write_deep(tmp_path / "a.exr", pixels, tile=tile, compression=compression)

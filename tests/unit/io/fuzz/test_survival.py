@@ -49,14 +49,14 @@ def test_the_widest_pictures_are_pictures(tmp_path, extension, size):
 @pytest.mark.parametrize(
     ("extension", "way_out"), [(".jpg", "65500"), (".webp", "16383"), (".hdr", "32767 .*; use .exr")]
 )
-def test_a_format_that_cannot_hold_the_picture_says_how_much_it_can(tmp_path, extension, way_out):
+def test_a_format_too_small_for_the_picture_names_its_limit(tmp_path, extension, way_out):
     with pytest.raises(ImageFileError, match=way_out):
         write_image(tmp_path / f"a{extension}", np.zeros((1, 70000, 3), np.float32))
     assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_picture_and_disparity_are_turned_alike(store, orientation):
+def test_picture_and_disparity_are_rotated_together(store, orientation):
     """A disparity map that the same phone wrote beside its picture."""
     y, x = np.mgrid[:16, :24]
     ramp = (5 * x + 8 * y).astype(np.uint8)

@@ -54,7 +54,7 @@ def test_commands_check_memory_before_they_read_the_pixels(tmp_path, monkeypatch
     assert not read
 
 
-def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
+def test_the_minimum_grows_with_the_picture_and_the_request():
     settings = bounded(10**9, depth={"repair": "off"})
     small, large = (min_memory(settings, "rays", 1000 * n, 1000 * n) for n in (1, 5))
     assert PROGRAM < small < large

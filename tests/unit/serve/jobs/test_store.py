@@ -117,7 +117,7 @@ def test_finished_jobs_go_after_a_while_and_others_stay(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../jobs", ".", "", "nothing", "a/b"])
-def test_a_name_that_is_none_finds_nothing(store, name):
+def test_an_invalid_name_has_no_match(store, name):
     submit(store)
     assert store.view(name) is None
 
@@ -200,7 +200,7 @@ def test_jobs_are_private(store, tmp_path):
     assert (store.folder / "jobs" / job / "request.json").stat().st_mode & 0o777 == 0o600
 
 
-def test_room_is_asked_before_an_upload(store):
+def test_room_in_the_queue_is_checked_before_an_upload(store):
     for number in range(3):
         submit(store, key=str(number))
     with pytest.raises(QueueFull):

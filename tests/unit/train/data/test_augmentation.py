@@ -26,7 +26,7 @@ def test_it_stays_in_the_range_of_the_true_one_and_differs(seed):
     assert np.abs(augmented - disparity).max() > 0.01
 
 
-def test_the_same_generator_spoils_alike():
+def test_the_same_generator_degrades_equally():
     first, second = (augment_disparity(blocks(0), np.random.default_rng(5)) for _ in range(2))
     assert_array_equal(first, second)
 

@@ -127,7 +127,7 @@ def marked(tiny_prepared, tmp_path):
     return folder
 
 
-def test_several_sets_are_drawn_alike(tiny_prepared, marked):
+def test_several_sets_are_drawn_with_equal_probability(tiny_prepared, marked):
     """Of 60 examples about half are of each: within four standard deviations."""
     mixed = examples(config_for(tiny_prepared, also=(str(marked),)), 10.0)
     of_the_second = sum(bool((mixed[i]["features"][3] == 1).all()) for i in range(60))

@@ -15,7 +15,7 @@ def _edge(disparity):
 
 
 @pytest.mark.parametrize("shift", [2, 5])
-def test_near_surfaces_lose_and_gain_the_pixels_that_are_told(shift):
+def test_near_surfaces_lose_and_gain_the_given_number_of_pixels(shift):
     assert _edge(degrade(STEP, "eroded", shift)) == 30 + shift
     assert _edge(degrade(STEP, "dilated", shift)) == 30 - shift
     assert _edge(degrade(STEP, "eroded")) == 32

@@ -50,7 +50,7 @@ def largest_difference(first: Path, second: Path) -> float:
     )
 
 
-def test_each_process_loads_its_part_of_every_batch_and_nothing_else():
+def test_each_process_loads_only_its_part_of_every_batch():
     asked = []
 
     class Noted(Pairs):

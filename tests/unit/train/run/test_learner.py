@@ -38,7 +38,7 @@ def test_the_first_step_is_that_of_adamw_by_hand():
     assert set(scalars) == {"loss/sum", "loss/square", "gradient_norm"}
 
 
-def test_the_gradient_is_cut_to_its_largest_norm_and_the_uncut_norm_is_told():
+def test_the_gradient_is_clipped_to_its_norm_bound_and_the_full_norm_is_returned():
     learner = learner_of(lambda network, batch: (network(batch["x"]).sum(), {}), clip=0.5)
     scalars = learner.advance({"x": torch.tensor([[3.0, 4.0]])})
     grads = torch.cat([p.grad.flatten() for p in learner.network.parameters()])

@@ -3,7 +3,7 @@
 from train.run.logbook import over_held_out
 
 
-def test_validation_tells_how_far_it_is(capsys):
+def test_validation_reports_progress(capsys):
     assert list(over_held_out(["a", "b", "c"])) == ["a", "b", "c"]
     told = capsys.readouterr().err
     assert "validating" in told

@@ -62,7 +62,7 @@ def test_the_loss_falls(tmp_path):
     assert sum(values[-10:]) < 0.1 * sum(values[:10])
 
 
-def test_steps_without_finite_gradient_are_told_and_counted(tmp_path, capsys):
+def test_steps_without_finite_gradient_are_reported_and_counted(tmp_path, capsys):
     start(config_of(6, bad_from=2, bad_to=4), tmp_path)
     assert "step 4: gradient not finite, step skipped (2 since the start)" in capsys.readouterr().out
     assert [count for _, count in curve(tmp_path, "skipped_steps")] == [0, 0, 1, 2, 2, 2]

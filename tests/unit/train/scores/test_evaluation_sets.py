@@ -89,7 +89,7 @@ def test_shards_give_every_view(tiny_pairs):
     assert first.image.dtype == first.truth.dtype == first.defocus.dtype == np.float32
 
 
-def test_what_is_no_set_is_told_in_one_line(tmp_path, blb):
+def test_an_invalid_set_is_reported_in_one_line(tmp_path, blb):
     empty = tmp_path / "empty"
     empty.mkdir()
     for kind in ("shards", "cycles", "blb"):

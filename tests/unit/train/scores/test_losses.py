@@ -30,7 +30,7 @@ def test_an_error_inside_the_target_counts_more_than_one_outside():
     assert iunet_loss(inside, truth, target)[0] > 2 * iunet_loss(outside, truth, target)[0]
 
 
-def test_the_parts_of_the_loss_add_up_as_they_are_asked_to_count():
+def test_the_parts_of_the_loss_add_up_with_their_weights():
     truth, bokeh, classical = pictures()
     error_map, target = 0.5 * torch.ones(1, 1, 8, 8), torch.ones(1, 1, 8, 8)
     asked = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
@@ -49,7 +49,7 @@ def test_the_parts_of_the_loss_add_up_as_they_are_asked_to_count():
 
 
 @pytest.mark.parametrize("found", [-1.0, float("nan"), float("inf")])
-def test_a_part_that_cannot_count_so_is_told(found):
+def test_an_invalid_part_of_the_loss_is_reported(found):
     with pytest.raises(ConfigError, match=r"loss\.fused: expected 0 or more, found"):
         LossWeights(fused=found)
 
@@ -91,6 +91,6 @@ def test_a_single_noisy_pixel_is_not_an_error():
     assert measured_error(decode(classical), decode(truth)).max() == 0
 
 
-def test_unknown_target_is_told_with_those_there_are():
+def test_unknown_target_is_reported_with_the_known_ones():
     with pytest.raises(ParameterError, match=r"error_target: expected.*geometric.*measured.*got 'guess'"):
         ARNetRun(data=None, optim=None, error_target="guess")

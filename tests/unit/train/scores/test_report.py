@@ -50,7 +50,7 @@ def test_differences_are_to_the_baseline_on_the_same_disparity():
     assert [row.scores["psnr"] for row in rows] == pytest.approx([2] * 5)
 
 
-def test_tables_leave_out_what_nobody_has():
+def test_tables_omit_empty_columns():
     rows = mean_rows(_rows())[:2]
     assert format_table("all", ("psnr", "flip"), rows, markdown=False).splitlines() == [
         "all",

@@ -32,7 +32,7 @@ def test_the_truth_has_the_best_scores(truth, scorer):
     assert scores["flip"] == scores["edge_flip"] == 0
 
 
-def test_scores_that_compare_tells_too_are_the_same(truth, scorer):
+def test_scores_equal_those_of_compare(truth, scorer):
     render = truth + 0.1 * np.random.default_rng(1).random(truth.shape)
     scores = scorer(render)
     for key, value in compare(render, truth, DEFOCUS).items():
@@ -74,7 +74,7 @@ def test_ms_ssim_is_what_its_authors_define():
     assert expected < 0.98
 
 
-def test_pictures_too_small_for_ms_ssim_have_none():
+def test_pictures_too_small_for_ms_ssim_have_no_ms_ssim():
     truth = np.random.default_rng(3).random((160, 200, 3))
     assert math.isnan(Scorer(truth, np.zeros((160, 200)))(truth)["ms_ssim"])
 
@@ -97,7 +97,7 @@ def test_log_psnr_sees_light_above_white():
     assert scores["log_psnr"] == pytest.approx(20 * math.log10(math.log(8) / (math.log(8) - math.log(4))))
 
 
-def test_bands_tell_true_radii_apart(truth, scorer):
+def test_bands_separate_true_radii(truth, scorer):
     render = np.where(DEFOCUS[..., None] == 15, srgb_to_linear(np.full_like(truth, 0.6)), truth)
     scores = scorer(render)
     assert scores["psnr_0-10"] == 100

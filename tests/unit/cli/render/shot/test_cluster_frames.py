@@ -71,7 +71,7 @@ def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cl
         (["--ray", "auto", "--jobs", "2"], ["--ray: expected either this or --jobs"]),
     ],
 )
-def test_a_cluster_that_cannot_be_is_told_in_one_line(cli, shot, options, words):
+def test_an_impossible_cluster_is_reported_in_one_line(cli, shot, options, words):
     pytest.importorskip("ray", reason="needs the extra cluster")
     outcome = cli("render", "in.####.png", "-o", "ray.####.png", *OPTIONS, *options)
     assert outcome.code == 1

@@ -99,7 +99,7 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_bad_frames_are_told_and_do_not_stop_the_others(shot, cli, jobs):
+def test_bad_frames_are_reported_and_do_not_stop_the_others(shot, cli, jobs):
     (shot / "shot.0002.png").unlink()
     (shot / "z.0003.png").write_bytes((shot / "z.0003.png").read_bytes()[:60])
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4", "--jobs", jobs)
@@ -201,7 +201,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ((*STILL, *FOCUS, "--frames", "1-4", "--engine", "magic"), "got 'magic'"),
     ],
 )
-def test_a_mistake_is_told_before_any_frame(shot, cli, words, told):
+def test_a_mistake_is_reported_before_any_frame(shot, cli, words, told):
     before = {path: path.read_bytes() for path in shot.iterdir()}
     outcome = cli(*words)
     assert (outcome.code, outcome.out) == (1, "")

@@ -60,7 +60,7 @@ def test_the_repair_is_decided_once(noisy, cli, steady):
     assert {frame["repaired"] for frame in told["frames"].values()} == {told["plan"]["repaired"]}
 
 
-def test_each_frame_is_left_alone_when_that_is_asked_for(noisy, cli):
+def test_each_frame_is_left_alone_when_that_is_requested(noisy, cli):
     words = ["--steady", "off", "--save-maps", "maps", "--repair-disparity", "off", "--json"]
     outcome = cli(*SHOT, *words)
     assert json.loads(outcome.out)["steady"] is False
@@ -200,7 +200,7 @@ def test_a_shot_that_another_process_has_gets_a_folder_of_its_own(noisy, cli):
     assert len(bytes_of(noisy)) == 6
 
 
-def test_a_full_disk_is_told_in_one_line(noisy, cli, monkeypatch):
+def test_a_full_disk_is_reported_in_one_line(noisy, cli, monkeypatch):
     def full(*given, **options):
         raise OSError(28, "No space left on device")
 
