@@ -105,7 +105,7 @@ TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace
 @pytest.mark.parametrize(
     "module",
     [
-        "bokehnet.coarse_to_fine",
+        "bokehnet.inference.coarse_to_fine",
         "bokehnet.checks",
         "bokehnet.classical.torch.autograd",
         "bokehnet.classical.base",

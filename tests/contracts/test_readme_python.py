@@ -10,8 +10,8 @@ import pytest
 import bokehnet
 from bokehnet.cli.app import run
 from bokehnet.io.image import write_image, write_map
-from tests.unit.io.exr_files import read_channels, write_exr
-from tests.unit.io.phone_files import encode, gdepth_photo
+from tests.unit.io.depth.phone_files import encode, gdepth_photo
+from tests.unit.io.exr.exr_files import read_channels, write_exr
 
 onnx = pytest.importorskip("onnx", reason="writes networks with onnx, of the extra train")
 TensorProto, helper = onnx.TensorProto, onnx.helper

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.experiments.edges.pan import flicker, pan
 from benchmarks.quality import theses
-from benchmarks.quality.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
-from benchmarks.quality.theses_table import merged, table
+from benchmarks.quality.scenes.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
+from benchmarks.quality.tables.theses_table import merged, table
 from bokehnet.baselines import BASELINES
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.optics.aperture import Aperture

@@ -13,7 +13,7 @@ from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
 from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
-from tests.unit.io.exr_files import read_channels, read_spec, write_exr
+from tests.unit.io.exr.exr_files import read_channels, read_spec, write_exr
 
 RNG = np.random.default_rng(0)
 SIZE = (70, 90)

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.frame import read_frame
 from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, read_stored_map, resize_map
-from tests.unit.io.exr_files import write_exr
+from tests.unit.io.exr.exr_files import write_exr
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])

@@ -175,7 +175,7 @@ def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
 
 def test_strips_give_the_same_picture(scene, monkeypatch):
     """Oracle: the whole picture at once; only rounding differs."""
-    monkeypatch.setattr("bokehnet.render.memory_bounds.PROGRAM", 0)
+    monkeypatch.setattr("bokehnet.render.exposure.memory_bounds.PROGRAM", 0)
     monkeypatch.setattr("bokehnet.engines.strips._FEWEST_ROWS", 1, raising=False)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     ramp = np.linspace(0, 1, 600 * 48, dtype=np.float32).reshape(600, 48)

@@ -1,4 +1,4 @@
-"""What stays sharp. The command line's view of it is in tests/unit/cli/test_focus_plane_options.py."""
+"""What stays sharp; the command line's view is in tests/unit/cli/options/test_focus_plane_options.py."""
 
 import math
 

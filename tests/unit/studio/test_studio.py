@@ -20,12 +20,12 @@ from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
 from bokehnet.studio import session as studio_session
-from bokehnet.studio.display import to_rgba
-from bokehnet.studio.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.opened import Region
-from bokehnet.studio.panels import is_path, panels
+from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
+from bokehnet.studio.panels.panels import is_path, panels
+from bokehnet.studio.panels.wording import command_line, python_lines
+from bokehnet.studio.preview.display import to_rgba
 from bokehnet.studio.strokes import Stroke, painted
-from bokehnet.studio.wording import command_line, python_lines
 
 from .conftest import SIZE
 

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.image import write_image
 from bokehnet.io.maps import read_depth, read_map
-from tests.unit.io import phone_files as files
+from tests.unit.io.depth import phone_files as files
 
 HEIGHT, WIDTH = 48, 64
 MAP = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))

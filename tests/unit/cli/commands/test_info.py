@@ -5,7 +5,7 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.frame import read_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.info import image_info
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 
 def test_info_describes_a_photo(tmp_path, cli):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import COLOR_SPACES, LINEAR_REC709, SRGB, convert
 from bokehnet.io.color.icc import make_profile, read_profile
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 # LittleCMS works in 16 bits here and hands out 8: half a level of rounding, and a little of its own.
 LEVELS = 0.75

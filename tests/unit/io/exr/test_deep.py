@@ -14,7 +14,7 @@ from bokehnet.io.exr.deep_chunks import DeepSamples
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.maps import read_depth, read_map
 from bokehnet.io.pixels import ImageFile
-from tests.unit.io.exr_files import deep_samples, read_spec, write_deep
+from tests.unit.io.exr.exr_files import deep_samples, read_spec, write_deep
 
 STORED = [(tile, compression) for tile in (0, 8, 7) for compression in ("none", "rle", "zips")]
 

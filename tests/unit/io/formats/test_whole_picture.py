@@ -15,7 +15,7 @@ from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import check_writable, read_image, write_image
 from bokehnet.io.metadata.exif import read_directory
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif, packet
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")

@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.io.frame import read_frame
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
-from tests.unit.io.exr_files import write_exr
+from tests.unit.io.exr.exr_files import write_exr
 
 
 def test_standard_attributes_of_openexr():

@@ -15,7 +15,7 @@ from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
 from bokehnet.io.metadata.exif import read_directory, refreshed_exif
 from bokehnet.io.metadata.xmp import STANDARD_XMP
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 PngImagePlugin = pytest.importorskip("PIL.PngImagePlugin", reason="writes test files with Pillow")

@@ -25,7 +25,7 @@ from bokehnet.scene.depth.depth_source import (
 )
 from bokehnet.scene.scene import make_scene, read_scene
 from bokehnet.settings.settings import CameraSettings, DepthSettings, InputSettings, RenderSettings
-from tests.unit.io import phone_files as files
+from tests.unit.io.depth import phone_files as files
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # of each unit
 BYTES = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))
