@@ -1,6 +1,7 @@
 """Deprecated call of ``BokehRenderer.render`` with arrays, of version 0.1; version 0.3 removes it."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -8,20 +9,17 @@ from bokehnet.deprecation import warn_deprecated
 from bokehnet.engines.options import RenderOptions, split_option_keywords
 from bokehnet.render.result import RenderResult
 
-if TYPE_CHECKING:
-    from bokehnet.render.renderer import BokehRenderer
-
 __all__ = ["render_earlier_form"]
 
 
 def render_earlier_form(
-    renderer: "BokehRenderer", arrays: tuple[Any, ...], keywords: dict[str, Any]
+    render_arrays: Callable[..., RenderResult], arrays: tuple[Any, ...], keywords: dict[str, Any]
 ) -> RenderResult:
     """Render the arrays that ``render`` received, with a ``DeprecationWarning``.
 
     Args:
-        renderer: Renderer.
-        arrays: Positional arguments of :meth:`BokehRenderer.render_arrays`; None for absent ones.
+        render_arrays: :meth:`BokehRenderer.render_arrays` of the renderer.
+        arrays: Its positional arguments; None for absent ones.
         keywords: Its keywords, and fields of ``RenderOptions``.
 
     Raises:
@@ -41,4 +39,4 @@ def render_earlier_form(
     warn_deprecated(message, level=2)
     named = {"image": image, "defocus": defocus, "progress": progress}
     others |= {name: value for name, value in named.items() if value is not None}
-    return renderer.render_arrays(**others, options=RenderOptions(**options))
+    return render_arrays(**others, options=RenderOptions(**options))

@@ -200,7 +200,7 @@ class BokehRenderer:
         """
         if deprecated or isinstance(scene, np.ndarray):
             named = {"focus": focus, "cancel": cancel, "overwrite": overwrite}
-            return render_earlier_form(self, (scene, settings, progress), named | deprecated)
+            return render_earlier_form(self.render_arrays, (scene, settings, progress), named | deprecated)
         check_kind("scene", scene, Scene, FocusedScene)
         assert scene is not None
         settings = RenderSettings() if settings is None else settings
