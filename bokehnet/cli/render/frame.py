@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job
-from bokehnet.cli.render.large_blur import large_blur_notice, largest_set_blur
+from bokehnet.cli.render.large_blur import confirm_large_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.engine_registry import DEFAULT_ENGINE
 from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.color.srgb import linear_to_srgb
@@ -239,10 +238,11 @@ def render_frame(
         begin: Callback that begins a stage by its label and returns its progress callback.
         meanwhile: Factory of a context manager around reading and depth repair, which leave Python's
             interpreter lock free most of the time.
-        warn: True to print the expected time of a very large blur.
+        warn: True to print the expected time of a very large blur, and to ask on a terminal.
 
     Raises:
         BokehnetError: A file cannot be read or written, or settings and files are inconsistent.
+        click.Abort: The user declines a long render.
     """
     times = [perf_counter()]
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
@@ -254,12 +254,10 @@ def render_frame(
         times.append(perf_counter())
         report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
-    if warn and largest_set_blur(job.settings) == 0:  # otherwise asked before reading
+    if warn:
         width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
         radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
-        engine = job.settings.engine.name or DEFAULT_ENGINE
-        if notice := large_blur_notice(engine, width, height, radius):
-            write_above(notice)
+        confirm_large_blur(job.settings, width, height, radius)
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused
