@@ -12,11 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_range, constant_like
-from bokehnet.optics.irradiance import irradiance_cos4
 
-__all__ = ["Vignette", "cos4_factor", "rim_factor", "scale_saturation", "table_factor"]
+__all__ = ["Vignette", "cos4_factor", "irradiance_cos4", "rim_factor", "scale_saturation", "table_factor"]
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+
+def irradiance_cos4(field: Array, distance: Array, pupil_radius: Array) -> Array:
+    """Return the irradiance by the cos^4 law, for pupils that are small compared with their distance.
+
+    Args:
+        field: Distance of the sensor point from the axis, mm.
+        distance: Distance from the exit pupil to the sensor, mm.
+        pupil_radius: Radius of the exit pupil, mm.
+
+    Returns:
+        ``(R / D)^2 cos^4``, the irradiance divided by pi times the radiance.
+    """
+    square = distance * distance
+    return pupil_radius**2 * square / (field * field + square) ** 2
 
 
 def cos4_factor(field: Array, angle: Array) -> Array:

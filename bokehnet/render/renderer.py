@@ -14,14 +14,14 @@ from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
-from bokehnet.forking import ForkSafeLock
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.processes.forking import ForkSafeLock
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
 from bokehnet.render.deprecated_arrays import accepts_arrays
-from bokehnet.render.exposure import Optics, expose, tilt_parameter
+from bokehnet.render.exposure.exposure import Optics, expose, tilt_parameter
 from bokehnet.render.layouts import expose_layout
 from bokehnet.render.look import (
     make_aperture,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bokehnet.optics.irradiance import irradiance_cos4
+from bokehnet.optics.vignette import irradiance_cos4
 from tests.unit.optics.form_factor import disc_form_factor
 
 

@@ -28,7 +28,7 @@ def test_the_time_rises_with_pixels_and_radius_up_to_the_longer_side():
     assert expected_seconds("rays", 400, 200, 50) == pytest.approx(4 * expected_seconds("rays", 200, 100, 50))
 
 
-def test_a_large_blur_warns_where_nobody_can_answer(folder, cli):
+def test_a_large_blur_warns_without_a_terminal(folder, cli):
     outcome = cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png")
     assert outcome.code == 0
     assert "blur up to 60 px, 94 % of the width: expect about 1 s" in outcome.err
