@@ -24,7 +24,7 @@ from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.scene.focus_checks import check_focus
-from bokehnet.scene.scene import read_scene
+from bokehnet.scene.scene import FocusedScene, read_scene
 from bokehnet.sequence.frame_names import existing_frames, frame_path, is_pattern
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
 from bokehnet.sequence.shot import Shot, frames_of_shot, probe_frames
@@ -254,12 +254,11 @@ def render_frame(
         times.append(perf_counter())
         report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
-    if warn:
-        width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
-        radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
-        confirm_large_blur(job.settings, width, height, radius)
     times.append(perf_counter())
-    result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
+    report = begin("rendering")
+    if warn:
+        report = _confirming(report, focused, job.settings)
+    result = renderer.render(focused, job.settings, report, overwrite=True)
     del focused
     times.append(perf_counter())
     report = begin("writing")
@@ -276,6 +275,24 @@ def render_frame(
         report=result.report,
         seconds=dict(zip(("read", "prepare", "render", "write"), durations, strict=True)),
     )
+
+
+def _confirming(report: Progress, focused: FocusedScene, settings: RenderSettings) -> Progress:
+    """Return a progress callback that first prints the expected time of a very large blur.
+
+    Its first call follows all checks of the engine.
+    """
+    width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
+    radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
+    pending = [True]
+
+    def confirmed(done: int, total: int) -> None:
+        if pending:
+            pending.clear()
+            confirm_large_blur(settings, width, height, radius)
+        report(done, total)
+
+    return confirmed
 
 
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
