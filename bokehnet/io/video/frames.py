@@ -159,7 +159,7 @@ def video_info(path: Path | str, color_space: str = "auto") -> VideoInfo:
             full=int(context.color_range or 0) == 2,
             space=INPUT_COLOR_SPACES.get(color_space) or coded_space(path, primaries, transfer) or SRGB,
             timecode=next(filter(None, timecodes), "") or "",
-            aspect=context.sample_aspect_ratio or Fraction(1),
+            aspect=stream.sample_aspect_ratio or context.sample_aspect_ratio or Fraction(1),
         )
     _ = info.bits
     return info
@@ -291,6 +291,13 @@ def choose_codec(path: Path, info: VideoInfo, requested: str | None) -> str:
     codec = requested or default
     if extension in (".mp4", ".m4v") and codec in ("prores", "ffv1"):
         raise ParameterError("--video-codec", "h264 or h265 in MP4", codec, "write to .mov or .mkv")
+    if extension == ".mkv" and codec in ("prores", "ffv1") and info.aspect != 1:
+        raise ParameterError(
+            "--video-codec",
+            f"h264 or h265 in MKV for pixels of {info.aspect} times their height, which only they keep there",
+            codec,
+            "write to .mov",
+        )
     if codec in ("h264", "h265") and any(
         side % 2 and halved for side, halved in zip(info.stored_size, _halved(info, codec), strict=True)
     ):

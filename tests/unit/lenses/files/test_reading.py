@@ -1,12 +1,14 @@
 """One lens in the formats of six programs: the same prescription, and what is said of what is wrong."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import PrescriptionLens, load_lens, read_prescription
+from bokehnet.lenses.files.codev import _split
 from bokehnet.lenses.files.reading import import_lens
 from bokehnet.lenses.prescription_toml import prescription_toml
 from bokehnet.lenses.surface_trace import beam_between, trace
@@ -167,3 +169,27 @@ def test_a_file_whose_glass_no_ray_passes_is_named(put):
     path = put("a.zmx", header + surfaces)
     with pytest.raises(LensError, match=r"a\.zmx: no ray passes"):
         load_lens(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "parts"),
+    [
+        ('THI S1 4; GL "a;b"', ["THI S1 4", ' GL "a;b"']),
+        ("TITLE 'x;y';STO", ["TITLE 'x;y'", "STO"]),
+        ("a;;b", ["a", "b"]),
+        ('5" lens;STO', ['5" lens', "STO"]),
+    ],
+)
+def test_commands_of_codev_end_outside_quotation_marks(line, parts):
+    assert _split(line, ";") == parts
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("YFLN", 1e-308), ("YFLN", 1e-12), ("DIAM", 1e12), ("DISZ", 1e12)]
+)
+def test_lengths_that_rays_cannot_resolve_are_refused(tmp_path, key, value):
+    """Such an image circle ended in an index error in the effective pupil."""
+    path = tmp_path / "lens.zmx"
+    path.write_text(re.sub(rf"^(\s*){key} [\d.]+$", rf"\g<1>{key} {value:g}", ZMX, flags=re.MULTILINE))
+    with pytest.raises(LensError, match="expected 1e-06 to 1e|expected 0 to 1e"):
+        import_lens(path)
