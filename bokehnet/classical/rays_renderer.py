@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import (
-    ALIGNED,
     MAX_RADIUS_IN_SIDES,
     ClassicalOptions,
     ClassicalResult,
@@ -35,7 +33,7 @@ from bokehnet.classical.layered.march.ray_averages import window_halo
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter, scatter_beyond
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -43,7 +41,7 @@ from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
+__all__ = ["CPU", "Device", "rays", "render_rays"]
 
 
 class Device(NamedTuple):
@@ -178,48 +176,6 @@ def _stage_progress(
             progress((sum(seconds[:stage]) + fraction * seconds[stage]) / sum(seconds))
 
     return report
-
-
-def scatter_beyond(
-    image: np.ndarray,
-    defocus: np.ndarray,
-    aperture: Aperture,
-    reach: int,
-    strip: Strip | None,
-    viewport: Viewport,
-    scattered: Callable[..., np.ndarray] = scatter,
-) -> np.ndarray:
-    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
-
-    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself,
-    so such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are
-    omitted so that blocks align with those of the whole picture.
-
-    Args:
-        image: Scene-linear picture, (H, W, 3) float32.
-        defocus: Signed blur radius, (H, W) pixels.
-        aperture: Shape of the aperture.
-        reach: Number of pixels beyond each border.
-        strip: Position of these rows in their picture; ``None`` for all rows.
-        viewport: Position of the arrays in the shown picture.
-        scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
-    """
-    if reach == 0 or aperture.cats_eye > 0:
-        return scattered(image, defocus, aperture, viewport)
-    above = below = reach
-    skipped = 0
-    if strip is not None and strip.first > 0:
-        above, skipped = 0, -(reach + strip.first) % ALIGNED
-    if strip is not None and strip.last < strip.height:
-        below = 0
-    padding = ((above, below), (reach, reach))
-    larger = scattered(
-        beyond_border(image[skipped:], above, below, reach),
-        np.pad(defocus[skipped:], padding, "edge"),
-        aperture,
-    )
-    inside = larger[above : len(larger) - below, reach:-reach]
-    return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -360,7 +316,7 @@ def _make_rays(
 
 def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
     """Return the scatter of the picture, (H, W, 3), with colour fringes if the lens has nothing else."""
-    reach = min(pupil_rays.reach if pupil_rays.fringes is not None else radius, max(job.size))
+    reach = pupil_rays.reach if pupil_rays.fringes is not None else radius
 
     def scattered(radii: np.ndarray) -> np.ndarray:
         viewport = job.picture_viewport.below(job.above)

@@ -17,7 +17,7 @@ from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.neural import render_neural
-from bokehnet.onnx_file.scatter import scatter
+from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
@@ -99,7 +99,7 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     linear = gamma.reshape(1).equals(1)
 
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
-    blurred = scatter(g, encoded, defocus)
+    blurred = scatter_beyond(g, encoded, defocus)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
