@@ -45,7 +45,7 @@ def run(folder, monkeypatch, capsys):
     return call
 
 
-def test_what_is_told_of_the_lens_gives_the_blur_that_was_traced(folder):
+def test_stored_lens_values_give_the_traced_blur(folder):
     """Authority: the formula of the README, in metres, with the depth that is written."""
     scene = json.loads((folder / "room/scene.json").read_text())
     assert scene["benchmark"] == VERSION
@@ -128,7 +128,7 @@ def test_other_pictures_are_not_scored(folder):
         scenes.prepare(folder, ["room"], {})
 
 
-def test_blades_cut_what_the_opening_says():
+def test_blades_cut_the_area_of_the_aperture():
     """Authority: the area of a hexagon in its circle, 3 sqrt(3) / (2 pi)."""
     lens = ThinLens(focal_length=50.0, f_number=2.0, focus_distance=1000.0)
     square = np.random.default_rng(0).random((100000, 2)) * 2 - 1
