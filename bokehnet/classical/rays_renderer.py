@@ -79,8 +79,7 @@ def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Pupil points (2, SETS * variants, rays); their weights in front of and behind focus, same shape; and
         three more random numbers of each ray, (SETS * variants * rays, 3).
     """
-    rays_per_pixel = _MAX_RAYS_FACTOR * _RAYS
-    count = SETS * rays_per_pixel
+    rays_per_pixel = count = SETS * 8
     cube = np.concatenate([sobol(count, np.random.default_rng(seed), 5) for seed in range(_VARIANTS)])
     sides = [pupil_points(aperture, cube[:, :2], side) for side in (1, -1)]
     points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
@@ -391,7 +390,7 @@ def _render_layers(
     report(1, 1)
     rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
-    del stack, rest
+    del stack
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
@@ -399,7 +398,16 @@ def _render_layers(
     near, marched = _bundle_smooth_tiles(job, pupil_rays, colors, cells, rays_mask, result)
     bundled = None if marched is rays_mask else np.array(result)
     bins = occupied_bins(cells, *within)
-    march(
+    def march_(job_, *a, **k):
+        import os
+        from bokehnet.classical.layered.march.resolution_levels import march_levels
+        from bokehnet.classical.layered.march.detail_levels import detail_levels
+        if os.environ.get('DETAIL') and pupil_rays.lens is None:
+            from dataclasses import replace
+            job_ = replace(job_, levels=detail_levels(rest, pupil_rays.reach, float(os.environ['DETAIL'])))
+        if pupil_rays.lens is None and os.environ.get('LEVELS'): march_levels(job_, rest, *a, **k)
+        else: march(job_, *a, **k)
+    march_(
         RaysJob(
             colors=colors,
             cells=cells,

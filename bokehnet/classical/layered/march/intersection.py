@@ -116,7 +116,7 @@ def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None, resumed=None):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
     Positions beyond the border read the border's pixel. In long ranges of the defocus, tiles in which a ray
@@ -145,6 +145,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
             outlines, see ``outlines_of`` of :mod:`bokehnet.classical.layered.march.channel_rays`, flat;
             offset in it of the outlines within reach; origins and directions of the two, lanes (begin_x,
             begin_y, a_x, a_y).
+        resumed: If not None, a tuple of the mask of the rays that march; ``hits`` then continues with
+            ``chance`` behind the surfaces that the rays have passed.
     """
     height, width, layers = size
     occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
@@ -161,7 +163,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     gain_y = divide8(one, max8(abs8(v), broadcast8(STEEPEST)))
     tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
-    waiting = less8(zero, one)
+    waiting = less8(zero, one) if resumed is None else resumed[0]
     first_apart, second_apart = zero, zero
     for run in range(count):
         front = broadcast8(np.float32(runs[run, 0]))
@@ -280,6 +282,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     store8(hits, LANES, hit_column)
     store8(hits, 2 * LANES, hit_layer)
     store8(hits, 3 * LANES, hit_depth)
+    if resumed is not None:
+        store8(hits, 4 * LANES, chance)
     if outlines is not None:
         store8(hits, 4 * LANES, first_apart)
         store8(hits, 5 * LANES, second_apart)
