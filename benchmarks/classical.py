@@ -17,17 +17,17 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from benchmarks.cycles import read_shots, scene_folders
 from benchmarks.measurement import extra_memory, in_own_process, median_seconds, scene, time_in_turns
-from benchmarks.quality import Engine, Row, print_header, print_scores, score
-from benchmarks.rivals import double_loop, open_lens_blur
+from benchmarks.quality.cycles import read_shots, scene_folders
+from benchmarks.quality.score_table import Engine, Row, print_header, print_scores, score
+from benchmarks.speed.rivals import double_loop, open_lens_blur
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
-from train.metrics import compare
+from train.scores.metrics import compare
 
 BLUR, FOCUS = 60.0, 90 / 255
 LOOP, GEGL = "double loop", "GEGL lens-blur"
@@ -196,7 +196,11 @@ def print_gain(rows: list[Row]) -> None:
 
 def print_quality(shared: Path, data: Path) -> None:
     """Print scores on ray-traced planes and on the path-traced scenes."""
-    from benchmarks.traced import LAMPS, PLANES, read_traced  # local import: only this section needs torch
+    from benchmarks.quality.traced import (  # local import: only this section needs torch
+        LAMPS,
+        PLANES,
+        read_traced,
+    )
 
     print_header("pictures")
     for label, config in (("ray-traced planes", PLANES), ("planes and lamps", LAMPS)):

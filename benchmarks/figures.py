@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 
 __all__ = ["write_figures"]
 

@@ -8,6 +8,7 @@ from .classical.scatter_renderer import scatter as scatter
 from .depth_repair.repair import DisparityRepair as DisparityRepair
 from .engines.options import RenderOptions as RenderOptions
 from .errors import BokehnetError as BokehnetError
+from .io.as_image import as_image as as_image
 from .io.image import read_image as read_image
 from .io.image import write_image as write_image
 from .lenses.base import defocus_map as defocus_map

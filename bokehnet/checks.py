@@ -95,18 +95,21 @@ def check_rank(name: str, array: Array, rank: int, layout: str) -> None:
 # Maximum light of a picture: the sum of its square over a picture still fits into float32.
 MAX_LIGHT = 1e15
 
-# Value of white in an encoded picture, by dtype.
-_WHITES = {"uint8": 255, "uint16": 65535}
+# Remedy for pictures of other libraries.
+_AS_IMAGE = "bokehnet.as_image({}) converts pictures of PIL, OpenCV, torch and files"
 
 
 def check_image(name: str, image: Array) -> None:
     """Raise unless ``image`` is finite, floating-point and (H, W, 3)."""
-    check_rank(name, image, 3, "(H, W, 3)")
-    if image.shape[2] != 3:
-        raise ShapeError(f"{name}: expected 3 channels, got {image.shape[2]}; convert it to RGB first")
-    white = _WHITES.get(str(image.dtype))
-    remedy = f"bokehnet.io.color.srgb.srgb_to_linear({name} / {white}) decodes sRGB" if white else ""
-    check_floats(name, image, remedy)
+    if not hasattr(image, "shape"):
+        raise ParameterError(name, "an array of shape (H, W, 3)", image, _AS_IMAGE.format(name))
+    shape = tuple(image.shape)
+    if len(shape) != 3 or 0 in shape:
+        converts = f"; {_AS_IMAGE.format(name)}" if len(shape) in (2, 4) and 0 not in shape else ""
+        raise ShapeError(f"{name}: expected shape (H, W, 3) with no empty side, got {shape}{converts}")
+    if shape[2] != 3:
+        raise ShapeError(f"{name}: expected 3 channels, got {shape[2]}; {_AS_IMAGE.format(name)}")
+    check_floats(name, image, _AS_IMAGE.format(name) if str(image.dtype) in ("uint8", "uint16") else "")
     check_finite(name, image)
 
 

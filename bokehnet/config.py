@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.errors import ConfigError, ParameterError, errors_of_file
 
 __all__ = [
     "OLD_KEYS",
@@ -30,6 +30,8 @@ __all__ = [
 ]
 
 Config = TypeVar("Config")
+
+_MAX_FILE_BYTES = 16 * 2**20
 
 # Keys of earlier versions in TOML files, checkpoints and prepared sets, and their current names.
 OLD_KEYS = {
@@ -54,14 +56,20 @@ def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any
     """
     path = Path(path)
     try:
+        size = path.stat().st_size
+        if size > _MAX_FILE_BYTES:
+            raise ConfigError(f"{path}: expected at most {_MAX_FILE_BYTES} bytes, found {size}")
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"cannot read config {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ConfigError:
+        raise
+    except (ValueError, RecursionError) as error:  # also numbers with too many digits
         raise ConfigError(f"{path}: expected TOML, found an error: {error}") from error
     for dotted, value in (overrides or {}).items():
         _set(table, dotted.split("."), value, str(path))
-    return build_config(table, cls, str(path))
+    with errors_of_file(path, "a configuration", ConfigError):
+        return build_config(table, cls, str(path))
 
 
 def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
@@ -194,7 +202,10 @@ def _value_from(value: Any, hint: Any, source: str, key: str) -> Any:
     ):
         return value
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError as error:
+            raise ConfigError(f"{source}: {key}: expected a number below 1e308, got a larger one") from error
     if hint in (bool, int, str) and type(value) is hint:
         return value
     name = hint.__name__ if isinstance(hint, type) and not arguments else str(hint).replace("typing.", "")

@@ -22,14 +22,18 @@ The command line and the studio replace these by their own names when they show 
 """
 
 import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 from numbers import Integral, Real
+from os import PathLike
 from typing import Any, Self
 
 __all__ = [
     "BokehnetError",
     "ConfigError",
     "DataFileError",
+    "ErrorCollector",
     "ImageFileError",
     "LensError",
     "MissingExtraError",
@@ -37,6 +41,7 @@ __all__ = [
     "ParameterError",
     "RenderCancelled",
     "ShapeError",
+    "errors_of_file",
 ]
 
 
@@ -48,8 +53,8 @@ class _Nothing(Enum):
 
 _NOTHING = _Nothing.NOTHING
 
-# Maximum number of characters of a value in a message.
-_MAX_VALUE_CHARACTERS = 100
+# Maximum numbers of characters of a value and of the reason of another library in a message.
+_MAX_VALUE_CHARACTERS, _MAX_REASON_CHARACTERS = 100, 300
 
 # Parameter name at the start of a message in a single text: focus.blur, quads[0].radius, or an option.
 _NAME = re.compile(r"(?:--)?[A-Za-z_][\w-]*(?:\.[A-Za-z_]\w*|\[\d+\])*")
@@ -133,6 +138,14 @@ class ParameterError(BokehnetError, ValueError):
         copied.args = (copied._message(),)
         return copied
 
+    def with_others(self, others: Iterable["ParameterError"]) -> Self:
+        """Return the same error with the messages of other parameters at its end."""
+        copied = self.__copy__()
+        reasons = [f"`{other.parameter}`: {other._reason}" for other in others]
+        copied._reason = "; ".join([self._reason, *reasons])
+        copied.args = (copied._message(),)
+        return copied
+
     def _message(self) -> str:
         return ": ".join(filter(None, [self.parameter, self._reason]))
 
@@ -143,6 +156,38 @@ class ParameterError(BokehnetError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _bare, (type(self), str(self)), {**self.__dict__, "got": _portable(self.got)}
+
+
+class ErrorCollector:
+    """Collector of the errors of several parameters, for one message about all of them.
+
+    Examples:
+        >>> errors = ErrorCollector()
+        >>> for name in ("blur", "focus"):
+        ...     with errors.collect():
+        ...         raise ParameterError(name, expected="one", shown="none")
+        >>> errors.raise_all()
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: blur: expected one, got none; `focus`: expected one, got none
+    """
+
+    def __init__(self) -> None:
+        self._errors: list[ParameterError] = []
+
+    @contextmanager
+    def collect(self) -> Iterator[None]:
+        """Keep a ``ParameterError`` of the block."""
+        try:
+            yield
+        except ParameterError as error:
+            self._errors.append(error)
+
+    def raise_all(self) -> None:
+        """Raise the errors as one, if there are any; the first one has the attributes."""
+        if self._errors:
+            first, *others = self._errors
+            raise first.with_others(others) if others else first
 
 
 class LensError(BokehnetError, ValueError):
@@ -179,6 +224,39 @@ class ModelFileError(BokehnetError, OSError):
 
 class MissingExtraError(BokehnetError, ImportError):
     """An optional dependency is not installed."""
+
+
+@contextmanager
+def errors_of_file(path: str | PathLike[str], expected: str, kind: type[BokehnetError]) -> Iterator[None]:
+    """Convert every other exception inside the block into an error of one line that names the file.
+
+    For parsers of files from strangers: whatever they raise follows from the content of the file. Errors of
+    this package pass unchanged.
+
+    Args:
+        path: File that the block reads.
+        expected: Expected content, such as "a video".
+        kind: Class of the error.
+
+    Examples:
+        >>> with errors_of_file("a.toml", "a lens", LensError):
+        ...     int("x" * 0)
+        Traceback (most recent call last):
+        ...
+        bokehnet.errors.LensError: a.toml: expected a lens, found damage (invalid literal for int() ...)
+    """
+    try:
+        yield
+    except BokehnetError:
+        raise
+    except MemoryError as error:
+        raise kind(f"{path}: expected {expected}, found one that does not fit into memory") from error
+    except OSError as error:
+        raise kind(f"cannot read {path}: {error.strerror or error}") from error
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        shown = reason if len(reason) <= _MAX_REASON_CHARACTERS else f"{reason[:_MAX_REASON_CHARACTERS]}..."
+        raise kind(f"{path}: expected {expected}, found damage ({shown})") from error
 
 
 def _bare(kind: type[Any], message: str) -> Any:

@@ -6,6 +6,7 @@ disabled; this module disables it before loading it and again before any session
 
 import ctypes
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -59,13 +60,31 @@ class OnnxSession:
         outputs: list[Any] = self._opened().get_outputs()
         return outputs
 
-    def run(self, arrays: Mapping[str, Any], *, release: bool = False) -> list[Any]:
-        """Return all outputs for the inputs by name; ``release`` frees the session's memory afterwards."""
-        options = None
-        if release:
+    def run(
+        self, arrays: Mapping[str, Any], *, release: bool = False, max_seconds: float | None = None
+    ) -> list[Any]:
+        """Return all outputs for the inputs by name.
+
+        Args:
+            arrays: Inputs by name.
+            release: True to free the memory of the session afterwards.
+            max_seconds: Time after which the run is stopped and raises; None for no limit.
+        """
+        options: Any = None
+        timer = None
+        if release or max_seconds is not None:
             options = load_onnxruntime().RunOptions()
+        if release:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
-        results: list[Any] = self._opened().run(None, dict(arrays), options)
+        if max_seconds is not None:
+            timer = threading.Timer(max_seconds, setattr, (options, "terminate", True))
+            timer.daemon = True
+            timer.start()
+        try:
+            results: list[Any] = self._opened().run(None, dict(arrays), options)
+        finally:
+            if timer is not None:
+                timer.cancel()
         return results
 
     def renew(self) -> None:

@@ -16,9 +16,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import click
 import numpy as np
 import torch
-import typer
 from torch import Tensor
 
 from bokehnet.classical.torch.autograd import scatter
@@ -132,12 +132,12 @@ def main() -> None:
     start_time = time.perf_counter()
 
     def report(name: str, estimate: Estimate) -> None:
-        typer.echo(f"{name}: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, loss {estimate.loss:.1e}")
+        click.echo(f"{name}: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, loss {estimate.loss:.1e}")
 
     estimate = recover(image, disparity, bokeh, report)
     seconds = time.perf_counter() - start_time
-    typer.echo(f"truth: blur {options.blur:.2f}, focus {options.focus:.3f}")
-    typer.echo(f"found: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, in {seconds:.0f} s")
+    click.echo(f"truth: blur {options.blur:.2f}, focus {options.focus:.3f}")
+    click.echo(f"found: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, in {seconds:.0f} s")
 
 
 if __name__ == "__main__":

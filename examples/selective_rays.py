@@ -20,7 +20,7 @@ from bokehnet.raytrace.geometry.space import SpaceRays
 from bokehnet.raytrace.paths import trace_paths
 from bokehnet.scenes import SceneJob, read_scene
 from bokehnet.tools.contact_sheet import contact_sheet
-from train.metrics import compare
+from train.scores.metrics import compare
 
 _SCENE = Path(__file__).parents[1] / "configs" / "scene_balls.toml"
 

@@ -214,3 +214,17 @@ def write_red_network() -> Callable[[Path], None]:
         (folder / "metric.toml").write_text('size = 32\nwhite = 10.0\noutput = "depth"\nunit = "m"\n')
 
     return write
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """Start a Ray head without cores, so that the workers that tests add do all work."""
+    ray = pytest.importorskip("ray", reason="needs the extra cluster")
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    head = {"num_cpus": 0, "include_dashboard": False}
+    started = Cluster(initialize_head=True, head_node_args=head, connect=False)
+    yield started
+    ray.shutdown()
+    started.shutdown()

@@ -31,19 +31,7 @@ PACKAGES = {
     "numba": ("numba", "llvmlite"),
     "onnxruntime": ("onnxruntime", "flatbuffers", "protobuf", "sympy", "mpmath"),
     "py-openimageio": ("OpenImageIO",),
-    "typer": (
-        *(
-            "typer",
-            "click",
-            "rich",
-            "shellingham",
-            "markdown-it-py",
-            "mdurl",
-            "Pygments",
-            "typing_extensions",
-        ),
-        *("annotated-doc", "pydantic", "pydantic_core", "annotated-types", "typing-inspection"),
-    ),
+    "click": ("click",),
     "tqdm": ("tqdm",),
 }
 

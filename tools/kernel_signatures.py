@@ -2,14 +2,15 @@
 
 The command runs the command lines of the golden set (:mod:`benchmarks.golden`) and the demo, and records the
 argument types of all kernel calls. It is needed to precompile a new kernel or a new argument type; until then
-numba compiles at the first call.
+numba compiles at the first call. Listed kernels that exist but that these commands do not call stay listed.
 """
 
 import os
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
-from tools.kernel_library import SIGNATURES, short_name
+from tools.kernel_library import SIGNATURES, kernel_modules, read_signatures, short_name
 
 _HEAD = "# Kernels that are compiled ahead, and types of their arguments; python -m tools.kernel_signatures\n"
 
@@ -20,11 +21,15 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder, record_calls():
         _run_everything(Path(folder))
-    lines = sorted(
-        f"{short_name(kernel.name)} {description}\n"
-        for kernel in KERNELS.values()
-        for description in kernel.called
-    )
+    called = {
+        (short_name(kernel.name), description) for kernel in KERNELS.values() for description in kernel.called
+    }
+    names, modules = {name for name, _ in called}, kernel_modules()
+    for name, description in read_signatures():
+        module, function = name.split(".")
+        if name not in names and hasattr(import_module(modules.get(module, "builtins")), function):
+            called.add((name, description))
+    lines = [f"{name} {description}\n" for name, description in sorted(called)]
     SIGNATURES.write_text(_HEAD + "".join(lines), "utf-8")
     print(f"{len(lines)} signatures in {SIGNATURES.name}")
 

@@ -19,7 +19,7 @@ from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.maps import read_disparity
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
-from train.degradation import degrade
+from train.data.degradation import degrade
 
 IMAGES = Path(__file__).parents[1] / "docs/images"
 PICTURE, DISPARITY = ASSETS / "demo.png", ASSETS / "demo_disparity.png"

@@ -23,11 +23,18 @@ from bokehnet.errors import BokehnetError, ModelFileError
 from bokehnet.inference.depth_convention import find_convention
 from bokehnet.inference.depth_models import PINS, DepthModel, depth_model_names, find_depth_model
 from bokehnet.inference.monocular import DepthEstimator
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 
 _HEAD = """\
 # Written by `python -m tools.pin_models`: pinned revision and hash of each network in depth_models.toml.
+#
+# `attested` says how a pin was found. Where it names public sources, the file was not downloaded for this
+# table; `python -m tools.pin_models --check` downloads and runs it. The hash decides in any case: other bytes
+# are never run. The revision "main" means that only the hash is pinned.
 """
+
+# Origin of the pins that this command writes.
+_ATTESTED = "the hub, and the downloaded file, which ran on a picture"
 
 
 def pin(model: DepthModel, revision: str | None = None) -> dict[str, str | int]:
@@ -73,6 +80,13 @@ def pins_text(pins: dict[str, dict[str, str | int]]) -> str:
     return _HEAD + "".join(f"\n{table}\n" for table in tables)
 
 
+def _check_pin(name: str, expected: dict[str, str | int], pinned: dict[str, str | int]) -> None:
+    """Raise ``ModelFileError`` if a pin differs from the hub; the revision "main" stands for any commit."""
+    keys = ["sha256", "bytes"] if expected["revision"] == "main" else ["revision", "sha256", "bytes"]
+    if any(pinned[key] != expected[key] for key in keys):
+        raise ModelFileError(f"{name}: expected {expected}, found {pinned}")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Pin the networks of the command line; return 0 if all passed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -91,13 +105,13 @@ def main(arguments: list[str] | None = None) -> int:
             if options.check and not model.revision:
                 raise ModelFileError(f"{name}: not pinned")
             pinned = pin(model, model.revision if options.check else None)
-            if options.check and pinned != pins[name]:
-                raise ModelFileError(f"{name}: expected {pins[name]}, found {pinned}")
+            if options.check:
+                _check_pin(name, pins[name], pinned)
         except (BokehnetError, OSError) as error:
             failed += 1
             print(f"{name}: {error}", file=sys.stderr)
             continue
-        pins[name] = pinned
+        pins[name] = {**pinned, "attested": _ATTESTED}
         print(f"{name}: {pinned['revision']} {pinned['sha256']} {pinned['bytes']} bytes")
     if not options.check:
         write_text(PINS, pins_text(pins), error=ModelFileError)

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 from bokehnet.models.onnx_import import read_exported
-from train.report import Row, format_table
+from train.scores.report import Row, format_table
 
 __all__ = ["main", "network_rows", "score_table"]
 

@@ -23,11 +23,11 @@ from tqdm import tqdm
 from bokehnet.checks import check_choice, check_number, require_extra
 from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ParameterError
-from train.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
-from train.evaluation_sets import SETS, Picture, list_pictures
-from train.methods import Method, load_repair, parse_method
-from train.metrics import Scorer
-from train.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
+from train.data.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
+from train.scores.evaluation_sets import SETS, Picture, list_pictures
+from train.scores.methods import Method, load_repair, parse_method
+from train.scores.metrics import Scorer
+from train.scores.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
 
 __all__ = ["evaluate", "main", "score_picture"]
 
@@ -65,7 +65,7 @@ def evaluate(
     Args:
         pictures: Pictures to render.
         methods: Methods to score.
-        degradations: Names from ``train.degradation.DEGRADATIONS``.
+        degradations: Names from ``train.data.degradation.DEGRADATIONS``.
         edge_shift: Displacement of edges in eroded and dilated disparity, pixels.
         jobs: Number of processes that share pictures and cores.
         progress: Called after each picture with the number of pictures done.

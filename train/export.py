@@ -16,7 +16,7 @@ from bokehnet.checks import check_at_least
 from bokehnet.errors import BokehnetError, DataFileError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
-from train.prepared import DESCRIPTION
+from train.data.prepared import DESCRIPTION
 
 __all__ = ["main"]
 

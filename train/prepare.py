@@ -25,14 +25,14 @@ from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.config import check_same, load_config, renamed, to_dict
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import BokehnetError, ConfigError, DataFileError
-from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
+from bokehnet.io.files.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.dataset import start_worker
 from bokehnet.synth.shards import ShardSet, TrainingSample
-from train.augmentation import augment_disparity
-from train.command import add_settings, settings_of
-from train.examples import Skips
-from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
+from train.data.augmentation import augment_disparity
+from train.data.examples import Skips
+from train.data.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
+from train.run.command import add_settings, settings_of
 
 __all__ = ["PrepareConfig", "load_repair", "main", "prepare", "prepare_view"]
 

@@ -22,10 +22,10 @@ import torch
 from tqdm import tqdm
 
 from bokehnet.errors import BokehnetError, DataFileError
-from train.recipe_jobs import Job
-from train.recipe_plan import Recipe, Step, load_recipe
-from train.recipe_progress import Progress, time_in_words
-from train.recipe_queue import Queue
+from train.recipe_steps.jobs import Job
+from train.recipe_steps.plan import Recipe, Step, load_recipe
+from train.recipe_steps.progress import Progress, time_in_words
+from train.recipe_steps.queue import Queue
 
 __all__ = ["main", "make"]
 

@@ -9,12 +9,12 @@ from torch import Tensor, nn
 
 from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNetConfig
-from train.command import run_command
-from train.data import DataConfig, PreparedCrops
-from train.losses import ERROR_TARGETS, LossWeights, arnet_loss, measured_error
+from train.data.crops import DataConfig, PreparedCrops
+from train.run.command import run_command
+from train.run.task import Task, run_task
 from train.schedule import OptimConfig
-from train.task import Task, run_task
-from train.validation import held_out_examples, score_coarse_to_fine
+from train.scores.losses import ERROR_TARGETS, LossWeights, arnet_loss, measured_error
+from train.scores.validation import held_out_examples, score_coarse_to_fine
 
 __all__ = ["ARNetRun", "main"]
 

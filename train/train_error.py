@@ -11,11 +11,11 @@ from torch import Tensor, nn
 
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.models.error import FEATURES, ErrorNetConfig
-from train.command import run_command
-from train.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
-from train.logbook import over_held_out
+from train.data.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
+from train.run.command import run_command
+from train.run.logbook import over_held_out
+from train.run.task import Task, run_task
 from train.schedule import OptimConfig
-from train.task import Task, run_task
 
 __all__ = ["ErrorRun", "error_loss", "main", "reliability", "true_error"]
 

@@ -14,12 +14,12 @@ from bokehnet.arrays.pyramid import downsample2
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNetConfig
-from train.command import run_command
-from train.data import DataConfig, PreparedCrops
-from train.losses import iunet_loss
+from train.data.crops import DataConfig, PreparedCrops
+from train.run.command import run_command
+from train.run.task import Task, run_task
 from train.schedule import OptimConfig
-from train.task import Task, run_task
-from train.validation import held_out_examples, score_coarse_to_fine
+from train.scores.losses import iunet_loss
+from train.scores.validation import held_out_examples, score_coarse_to_fine
 
 __all__ = ["IUNetRun", "main"]
 

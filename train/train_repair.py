@@ -9,11 +9,11 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from bokehnet.models.repair import FLAT, RepairNet, RepairNetConfig, extremes
-from train.command import run_command
-from train.logbook import over_held_out
-from train.repair_data import RepairDataConfig, held_out_repairs, repair_source
+from train.data.repair_data import RepairDataConfig, held_out_repairs, repair_source
+from train.run.command import run_command
+from train.run.logbook import over_held_out
+from train.run.task import Task, run_task
 from train.schedule import OptimConfig
-from train.task import Task, run_task
 
 __all__ = ["RepairRun", "main", "repair_loss"]
 

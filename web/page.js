@@ -64,13 +64,26 @@ begin(previewer, quick);
 const NUMBERS = ["K", "focus", "gamma"];
 const numbers = () => Object.fromEntries(NUMBERS.map((name) => [name, Number(form.elements[name].value)]));
 
-/** Whether all numbers are within their bounds; what is not is told beside its control. */
+/** Return whether the numbers are within their bounds, and report errors beside their controls. */
 function sound() {
-  for (const name of NUMBERS) {
-    const { validity, validationMessage, value, min, max } = form.elements[name];
-    blame(name, validity.valid ? "" : value === "" ? `expected a number from ${min} to ${max}` : validationMessage);
-  }
-  return NUMBERS.every((name) => form.elements[name].validity.valid);
+  const { validity, validationMessage, value, min, max } = form.elements.gamma;
+  blame("gamma", validity.valid ? "" : value === "" ? `expected a number from ${min} to ${max}` : validationMessage);
+  return validity.valid;
+}
+
+/** Show the values of the sliders. */
+function showNumbers() {
+  const { K, focus } = numbers();
+  document.querySelector("[data-shown=K]").textContent = `${K} pixels`;
+  document.querySelector("[data-shown=focus]").textContent = focus.toFixed(2);
+}
+
+/** Set a slider, whose range grows to hold the value. */
+function setSlider(name, value) {
+  const slider = form.elements[name];
+  slider.max = Math.max(slider.max, value);
+  slider.value = value;
+  showNumbers();
 }
 
 /** Ask for the picture by the numbers in the form; what was asked for before is given up. */
@@ -101,8 +114,44 @@ function open(photo, disparity) {
   worker.postMessage({ open: opening });
 }
 
-function showSliders() {
-  for (const slider of document.querySelectorAll("[data-of]")) slider.value = form.elements[slider.dataset.of].value;
+const chosen = {};
+
+/** Take a file for one of both places, and open both as soon as they are there. */
+function choose(name, file) {
+  chosen[name] = file;
+  blame(name, "");
+  const label = { photo: "Photo", disparity: "Depth map" }[name];
+  document.querySelector(`[data-of=${name}]`).textContent = file.name ? `${label}: ${file.name}` : `Another ${label.toLowerCase()}`;
+  if (chosen.photo && chosen.disparity) open(chosen.photo, chosen.disparity);
+  else status.textContent = chosen.photo ? "Now its depth map." : "Now the photo.";
+}
+
+const isMap = (file) => /depth|disp|map/i.test(file.name);
+
+/** Take dropped files: of two, the map is the one that is named so, else the second. */
+function drop(files) {
+  if (files.length >= 2) {
+    const [photo, disparity] = isMap(files[0]) && !isMap(files[1]) ? [files[1], files[0]] : files;
+    delete chosen.disparity; // open once, with both
+    choose("photo", photo);
+    choose("disparity", disparity);
+  } else if (files.length) choose(chosen.photo && (!chosen.disparity || isMap(files[0])) ? "disparity" : "photo", files[0]);
+}
+
+async function openAddresses(photo, disparity) {
+  const fetched = [photo, disparity].map(async (address) => {
+    const response = await fetch(address);
+    if (!response.ok) throw new Error(`expected a picture at ${address}, the host answers ${response.status}`);
+    return response.blob();
+  });
+  try {
+    const [one, other] = await Promise.all(fetched);
+    delete chosen.disparity;
+    choose("photo", one);
+    choose("disparity", other);
+  } catch (error) {
+    fail(error.message);
+  }
 }
 
 worker.onmessage = ({ data }) => {
@@ -112,14 +161,15 @@ worker.onmessage = ({ data }) => {
   } else if (data.opened) {
     opened = { ...opening, ...data.opened };
     ready = false;
+    document.querySelector("#controls").inert = false;
+    form.elements.K.max = Math.max(60, Math.round(data.opened.width / 10), numbers().K);
     const { width, height, photo, disparity } = opened;
     const small = Math.min(1, SMALL / Math.max(width, height));
     const size = { width: Math.round(width * small), height: Math.round(height * small) };
     previewer.postMessage({ open: { photo, disparity, ...size, full: width } });
     render();
   } else if (data.focus !== undefined) {
-    form.elements.focus.value = data.focus.toFixed(3);
-    showSliders();
+    setSlider("focus", data.focus.toFixed(3));
     if (ready) previewer.postMessage({ numbers: numbers() });
     render();
   } else if (data.share !== undefined && data.id === asked) {
@@ -161,22 +211,31 @@ result.addEventListener("click", (event) => {
 
 form.addEventListener("input", ({ target }) => {
   if (target.type === "file") return;
-  if (target.dataset.of) form.elements[target.dataset.of].value = target.value;
-  else showSliders();
+  showNumbers();
   follow();
 });
 
-form.addEventListener("submit", (event) => {
-  event.preventDefault();
-  const [photo, disparity] = ["photo", "disparity"].map((name) => form.elements[name].files[0]);
-  if (photo && disparity && (photo !== opening?.photo || disparity !== opening?.disparity)) open(photo, disparity);
-  else if (opened) render();
-  else status.textContent = "Choose a photo and its disparity first.";
-});
+form.addEventListener("submit", (event) => event.preventDefault());
 
-if (given.has("photo") && given.has("disparity")) {
-  for (const name of ["K", "focus", "gamma"]) if (given.has(name)) form.elements[name].value = given.get(name);
-  showSliders();
-  const fetched = ["photo", "disparity"].map(async (name) => (await fetch(given.get(name))).blob());
-  open(...(await Promise.all(fetched)));
+for (const name of ["photo", "disparity"]) {
+  const input = form.elements[name];
+  input.addEventListener("click", () => (input.value = "")); // the same file can be chosen again
+  input.addEventListener("change", () => input.files[0] && choose(name, input.files[0]));
 }
+
+const zone = document.querySelector("#files");
+document.addEventListener("dragover", (event) => {
+  event.preventDefault();
+  zone.classList.add("over");
+});
+document.addEventListener("dragleave", () => zone.classList.remove("over"));
+document.addEventListener("drop", (event) => {
+  event.preventDefault();
+  zone.classList.remove("over");
+  drop([...event.dataTransfer.files]);
+});
+document.querySelector("#sample").addEventListener("click", () => openAddresses("demo.png", "demo_disparity.png"));
+
+for (const name of ["K", "focus"]) setSlider(name, Number(given.get(name) ?? form.elements[name].value));
+if (given.has("gamma")) form.elements.gamma.value = given.get("gamma");
+if (given.has("photo") && given.has("disparity")) await openAddresses(given.get("photo"), given.get("disparity"));

@@ -206,8 +206,10 @@ async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
       postMessage({ opened: { width: photo.width, height: photo.height } });
     }
     if (focusAt) {
-      const at = Math.round(focusAt.y * (photo.height - 1)) * photo.width + Math.round(focusAt.x * (photo.width - 1));
-      postMessage({ focus: disparity.data[4 * at] / 255 });
+      const { width, height } = photo;
+      const row = Math.min(Math.floor(focusAt.y * height), height - 1);
+      const column = Math.min(Math.floor(focusAt.x * width), width - 1);
+      postMessage({ focus: disparity.data[4 * (row * width + column)] / 255 });
     }
     if (numbers && photo && id === latest) await renderWithin(id, numbers);
   } catch (error) {

@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks.bokeh_bench import VERSION
 from benchmarks.bokeh_bench.running import SCORES, by_command, by_engine, score_scene
 from benchmarks.bokeh_bench.scenes import SCENES, make_scene, prepare
-from benchmarks.theses import METHODS
+from benchmarks.quality.theses import METHODS
 from bokehnet.errors import BokehnetError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 
 _PINS = Path(__file__).with_name("pins.json")
 _PACKAGES = ("bokehnet", "numpy", "numba", "scikit-image", "scipy", "embreex", "torch")

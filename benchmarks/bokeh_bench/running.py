@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.theses import render_with
+from benchmarks.quality.theses import render_with
 from bokehnet.errors import DataFileError, ParameterError
 from bokehnet.io.image import read_image
 from bokehnet.scores.flip import flip_map
-from train.evaluation_sets import Shot, path_traced_shots
-from train.metrics import depth_step_pixels, encode, psnr, similarity
+from train.scores.evaluation_sets import Shot, path_traced_shots
+from train.scores.metrics import depth_step_pixels, encode, psnr, similarity
 
 __all__ = ["SCORES", "Render", "by_command", "by_engine", "score_scene"]
 

@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.bokeh_bench import VERSION
 from bokehnet.checks import Array
 from bokehnet.errors import DataFileError
-from bokehnet.io.atomic import write_text
 from bokehnet.io.channels import write_channels
+from bokehnet.io.files.atomic import write_text
 from bokehnet.io.formats.encode import encode as write_pixels
 from bokehnet.io.image import write_image
 from bokehnet.lenses import Rays, ThinLens
@@ -27,7 +27,7 @@ from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.lamps import add_lamps
 from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.config import ClutterConfig
-from train.metrics import depth_step_pixels, encode, psnr
+from train.scores.metrics import depth_step_pixels, encode, psnr
 
 __all__ = ["SCENES", "make_scene", "prepare", "summary"]
 

@@ -19,6 +19,7 @@ from bokehnet.optics.pixels.pixel_filter import PixelFilter
 
 __all__ = [
     "ALIGNED",
+    "MAX_RADIUS_IN_SIDES",
     "ClassicalOptions",
     "ClassicalRenderer",
     "ClassicalResult",
@@ -30,6 +31,10 @@ __all__ = [
 
 # Strips begin at multiples of this many rows of the picture, the largest block of any renderer in pixels.
 ALIGNED = 128
+
+# Largest blur radius in units of the longer side, for all engines: beyond it a disc is larger than the
+# picture around every pixel, and only time and memory grow.
+MAX_RADIUS_IN_SIDES = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

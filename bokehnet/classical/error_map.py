@@ -13,7 +13,7 @@ __all__ = ["boundary_threshold", "geometric_error_map"]
 
 
 @njit(cache=True, parallel=True)
-def _boundary_reach(nearest, farthest, radii, threshold, softness):  # type: ignore[no-untyped-def]
+def _boundary_reach(nearest, farthest, radii, threshold, softness):
     """Return the largest of ``radii`` in the 3x3 window of boundary pixels plus ``softness``, 0 elsewhere."""
     height, width = nearest.shape
     reach = np.zeros((height, width), np.float32)
@@ -35,7 +35,7 @@ def _boundary_reach(nearest, farthest, radii, threshold, softness):  # type: ign
 
 
 @njit(cache=True)
-def _cover_discs(reach):  # type: ignore[no-untyped-def]
+def _cover_discs(reach):
     """Return the number of discs over each pixel minus those over the pixel to its left, (H, W + 1)."""
     height, width = reach.shape
     counts = np.zeros((height, width + 1), np.int32)
@@ -53,7 +53,7 @@ def _cover_discs(reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _sum_rows(differences):  # type: ignore[no-untyped-def]
+def _sum_rows(differences):
     """Integrate differences along the rows, in place."""
     for y in prange(differences.shape[0]):
         for x in range(1, differences.shape[1]):
@@ -61,7 +61,7 @@ def _sum_rows(differences):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _soften(counts, reach):  # type: ignore[no-untyped-def]
+def _soften(counts, reach):
     """Return the fraction of covered pixels in the (2 reach + 1)^2 window around each; borders repeat."""
     height, width = counts.shape
     result = np.empty((height, width), np.float32)

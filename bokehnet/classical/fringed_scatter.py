@@ -75,7 +75,7 @@ def chromatic_fringes(lens_response: LensResponse, half_diagonal: float) -> Frin
 
 
 @njit(cache=True, parallel=True)
-def _add_shifted(picture, lateral, color, maps, frame, above, total):  # type: ignore[no-untyped-def]
+def _add_shifted(picture, lateral, color, maps, frame, above, total):
     """Add the picture of one wavelength, displaced by its lateral color, to ``total``, both (H, W, 3)."""
     height, width = picture.shape[:2]
     column, row, scale = frame

@@ -16,13 +16,13 @@ _MIN_REACH_PX = 8
 
 
 @njit(cache=True)
-def _brightness(image, y, x):  # type: ignore[no-untyped-def]
+def _brightness(image, y, x):
     """Return the largest of the three channels."""
     return max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
 
 
 @njit(cache=True, parallel=True)
-def _sum_cells(image, cell, limits, sums):  # type: ignore[no-untyped-def]
+def _sum_cells(image, cell, limits, sums):
     """Sum the brightness of each cell, with every pixel clipped to the cell's ``limits``."""
     height, width, _ = image.shape
     for row in prange(sums.shape[0]):
@@ -35,14 +35,14 @@ def _sum_cells(image, cell, limits, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _spread(means, cell, result):  # type: ignore[no-untyped-def]
+def _spread(means, cell, result):
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
             result[y, x] = means[y // cell, x // cell]
 
 
 @njit(cache=True, parallel=True)
-def _above(image, limit, result):  # type: ignore[no-untyped-def]
+def _above(image, limit, result):
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
             result[y, x] = _brightness(image, y, x) > limit[y, x]

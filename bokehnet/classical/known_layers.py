@@ -76,11 +76,11 @@ class Layers:
         expected = "layers from front to back"
         raise ParameterError("defocus", expected, self.defocus, shown="a layer in front of the previous one")
 
-    in_light = earlier_name("in_light", "with_mapped_colors")
+    in_light = earlier_name("Layers", "in_light")
 
 
 @njit(cache=True, parallel=True)
-def _are_valid(colors, defocus, coverage):  # type: ignore[no-untyped-def]
+def _are_valid(colors, defocus, coverage):
     """Return whether all values are finite, coverage is in [0, 1] and the layers are front to back."""
     height, width, layers = defocus.shape
     faults = 0

@@ -147,7 +147,7 @@ class KnownSurfaces:
         """Return the same surfaces without colors, for another picture of the same surfaces."""
         return replace(self, front=None, back=None)
 
-    in_light = earlier_name("in_light", "with_mapped_colors")
+    in_light = earlier_name("KnownSurfaces", "in_light")
 
 
 def concatenate_surfaces(parts: Sequence[KnownSurfaces]) -> KnownSurfaces | None:

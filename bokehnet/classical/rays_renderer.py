@@ -10,9 +10,17 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Strip, check_inputs
+from bokehnet.classical.base import (
+    ALIGNED,
+    MAX_RADIUS_IN_SIDES,
+    ClassicalOptions,
+    ClassicalResult,
+    Strip,
+    check_inputs,
+)
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import Fringes, chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
@@ -64,9 +72,6 @@ _MAX_RAYS_FACTOR = 2
 # lights are left to the rays and raise their noise by 0.001 or less.
 _MIN_LIGHT_BRIGHTNESS = 0.02
 
-# Largest blur radius in units of the picture's longer side; beyond it every ray ends outside the picture.
-_MAX_RADIUS_IN_SIDES = 4.0
-
 # Number of scramblings of the sampling pattern; each pixel selects one at random.
 _VARIANTS = 8
 
@@ -79,7 +84,8 @@ def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Pupil points (2, SETS * variants, rays); their weights in front of and behind focus, same shape; and
         three more random numbers of each ray, (SETS * variants * rays, 3).
     """
-    rays_per_pixel = count = SETS * 8
+    rays_per_pixel = _MAX_RAYS_FACTOR * _RAYS
+    count = SETS * rays_per_pixel
     cube = np.concatenate([sobol(count, np.random.default_rng(seed), 5) for seed in range(_VARIANTS)])
     sides = [pupil_points(aperture, cube[:, :2], side) for side in (1, -1)]
     points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
@@ -147,7 +153,7 @@ _fuse = njit()(fuse)
 
 
 @njit(cache=True, parallel=True)
-def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
+def _blend(smooth, error_map, rays_mask, result):
     """Blend the rays in ``result`` with the scatter ``smooth``, by the weight ``error_map``."""
     for y in prange(rays_mask.shape[0]):
         for x in range(rays_mask.shape[1]):
@@ -183,17 +189,17 @@ def scatter_beyond(
     viewport: Viewport,
     scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
-    """Scatter a picture whose border pixels are repeated outwards, as the rays see it.
+    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
 
-    A cat's-eye is measured from the corners of the picture itself, so such pictures keep their size. Where a
-    strip ends inside the picture nothing is repeated, but rows are omitted so that blocks align with those of
-    the whole picture.
+    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself,
+    so such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are
+    omitted so that blocks align with those of the whole picture.
 
     Args:
         image: Scene-linear picture, (H, W, 3) float32.
         defocus: Signed blur radius, (H, W) pixels.
         aperture: Shape of the aperture.
-        reach: Number of repeated pixels.
+        reach: Number of pixels beyond each border.
         strip: Position of these rows in their picture; ``None`` for all rows.
         viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
@@ -208,7 +214,7 @@ def scatter_beyond(
         below = 0
     padding = ((above, below), (reach, reach))
     larger = scattered(
-        np.pad(image[skipped:], (*padding, (0, 0)), "edge"),
+        beyond_border(image[skipped:], above, below, reach),
         np.pad(defocus[skipped:], padding, "edge"),
         aperture,
     )
@@ -310,7 +316,7 @@ def _checked(job: _Job) -> tuple[_Job, np.ndarray, np.ndarray]:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(job.image, job.defocus))
     if job.layers is not None:
         check_same_size("image", image, "layers", job.layers.defocus)
-    largest = _MAX_RADIUS_IN_SIDES * max(job.size)
+    largest = MAX_RADIUS_IN_SIDES * max(job.size)
     defocus = np.clip(defocus, -largest, largest)
     nearest, farthest, known = defocus, defocus, job.known
     if known is not None:
@@ -390,7 +396,7 @@ def _render_layers(
     report(1, 1)
     rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
-    del stack
+    del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
@@ -398,16 +404,7 @@ def _render_layers(
     near, marched = _bundle_smooth_tiles(job, pupil_rays, colors, cells, rays_mask, result)
     bundled = None if marched is rays_mask else np.array(result)
     bins = occupied_bins(cells, *within)
-    def march_(job_, *a, **k):
-        import os
-        from bokehnet.classical.layered.march.resolution_levels import march_levels
-        from bokehnet.classical.layered.march.detail_levels import detail_levels
-        if os.environ.get('DETAIL') and pupil_rays.lens is None:
-            from dataclasses import replace
-            job_ = replace(job_, levels=detail_levels(rest, pupil_rays.reach, float(os.environ['DETAIL'])))
-        if pupil_rays.lens is None and os.environ.get('LEVELS'): march_levels(job_, rest, *a, **k)
-        else: march(job_, *a, **k)
-    march_(
+    march(
         RaysJob(
             colors=colors,
             cells=cells,

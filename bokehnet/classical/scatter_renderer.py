@@ -24,7 +24,7 @@ Picture = TypeVar("Picture", bound=npt.NDArray[np.floating[Any]])
 
 
 @njit(cache=True, parallel=True)
-def _add_weight(image, values):  # type: ignore[no-untyped-def]
+def _add_weight(image, values):
     """Fill ``values`` (H, W, 4) with the picture and a channel of ones."""
     height, width, _ = image.shape
     for y in prange(height):
@@ -35,7 +35,7 @@ def _add_weight(image, values):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
+def _normalise(sums, image, bokeh):
     """Fill ``bokeh`` with colors over weight, or with the picture where no light arrives (hole of a ring)."""
     height, width, _ = image.shape
     for y in prange(height):
@@ -45,7 +45,7 @@ def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
                 bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
 
 
-@renamed_keywords(place="viewport")
+@renamed_keywords
 def scatter(
     image: Picture,
     defocus: npt.NDArray[np.floating[Any]],

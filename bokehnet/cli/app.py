@@ -1,14 +1,15 @@
 """Command-line application, and the handler that prints bokehnet's errors as one line."""
 
 import atexit
+import contextlib
 import os
 import sys
 import threading
 import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.commands.compare import compare
 from bokehnet.cli.commands.demo import demo
@@ -22,59 +23,68 @@ from bokehnet.cli.commands.studio import studio
 from bokehnet.cli.commands.synth import synth
 from bokehnet.cli.commands.trace import trace
 from bokehnet.cli.commands.warm_up import warm_up
+from bokehnet.cli.completion import install_completion, show_completion
 from bokehnet.cli.lens.command import lens
-from bokehnet.cli.options import QuickGroup, SectionedCommand, message_of
+from bokehnet.cli.options import message_of
+from bokehnet.cli.parser import SectionedCommand
 from bokehnet.cli.render.command import render
-from bokehnet.errors import BokehnetError
+from bokehnet.cli.streams import (
+    address_space_shortage,
+    library_lines_caught,
+    open_closed_streams,
+    shortage,
+    write_failure,
+)
+from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
 
+# Commands that run until they are stopped: the lines of libraries are their log.
+_SERVICES = (["serve"], ["studio"])
+_QUIET, _HELP = {"-q", "--quiet"}, {"-h", "--help", "--version"}
+
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
-# Base class of the parser's usage errors, which typer does not export.
-_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
-app = typer.Typer(
+class _Root(click.Group):
+    """Group of all commands; Ctrl-C ends any of them with the exit code of shells."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise click.exceptions.Exit(_INTERRUPTED) from error
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands in the order of definition."""
+        return list(self.commands)
+
+
+@click.group(
     name="bokehnet",
-    help="Render bokeh from a picture and its depth, with classical, neural and hybrid engines.",
-    cls=QuickGroup,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    cls=_Root,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-app.command(cls=SectionedCommand)(render)
-app.command(cls=SectionedCommand)(compare)
-app.command()(demo)
-app.command()(depth)
-app.command()(export)
-app.command()(info)
-app.add_typer(lens)
-app.command()(models)
-app.command()(presets)
-app.command(cls=SectionedCommand)(serve)
-app.command(cls=SectionedCommand)(studio)
-app.command()(synth)
-app.command()(trace)
-app.command()(warm_up)
-
-
-def _show_version(requested: bool) -> None:
-    if requested:
-        typer.echo(f"bokehnet {__version__}")
-        raise typer.Exit
-
-
-@app.callback(invoke_without_command=True)
-def _root(
-    context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
-    ] = False,
-) -> None:
+@click.version_option(__version__, message="bokehnet %(version)s", help="Show the version and exit.")
+@install_completion
+@show_completion
+@click.pass_context
+def app(context: click.Context) -> None:
+    """Render bokeh from a picture and its depth, with classical, neural and hybrid engines."""
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        click.echo(context.get_help())
+
+
+for _command in (
+    *(render, compare, demo, depth, export, info, lens, models),
+    *(presets, serve, studio, synth, trace, warm_up),
+):
+    # click keeps the help option of a command from its first use, which may be without the group.
+    _command.context_settings.setdefault("help_option_names", ["-h", "--help"])
+    app.add_command(_command)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -84,21 +94,28 @@ def run(arguments: Sequence[str]) -> int:
         arguments: Words after the program's name.
 
     Returns:
-        0 on success, 1 on a user error (one line on stderr), 130 after Ctrl-C. Any other exception is a bug
-        and propagates with its traceback.
+        0 on success, 1 on a user error or an error of the system (one line on stderr), 130 after Ctrl-C. Any
+        other exception is a bug and propagates with its traceback.
     """
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(message_of(error))
-    except _UsageError as error:
-        return _fail(f"{error.format_message().rstrip('.')}; see bokehnet --help")  # type: ignore[attr-defined]
+        return _fail(message_of(error) + _help_hint(arguments, error))
+    except click.UsageError as error:
+        command = "bokehnet" if error.ctx is None else error.ctx.command_path
+        return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
     except MemoryError as error:
         return _fail(f"out of memory, try a smaller picture ({error})")
-    except (KeyboardInterrupt, typer.Abort):
+    except BrokenPipeError:  # the reader of stdout has enough
+        return 1
+    except (KeyboardInterrupt, click.Abort):  # Abort is a RuntimeError
         code = _INTERRUPTED
+    except (ImportError, OSError, RuntimeError) as error:
+        if (problem := shortage(error)) is None:
+            raise
+        return _fail(problem)
     if code == _INTERRUPTED:
-        typer.echo("bokehnet: interrupted", err=True)
+        click.echo("bokehnet: interrupted", err=True)
     return code if isinstance(code, int) else 0
 
 
@@ -106,7 +123,34 @@ def main() -> None:
     """Entry point of the ``bokehnet`` program."""
     # NumPy's overflow warnings: checks raise errors where they matter.
     warnings.simplefilter("ignore", RuntimeWarning)
-    _leave(run(sys.argv[1:]))
+    open_closed_streams()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
+    arguments = sys.argv[1:]
+    if (problem := address_space_shortage()) and not _HELP.intersection(arguments):
+        _leave(_fail(problem))
+    if arguments[:1] in _SERVICES:
+        _leave(run(arguments))
+    with library_lines_caught() as lines:
+        code = run(arguments)
+        code = _flushed(code)
+    if code == 0 and lines.count and not _QUIET.intersection(arguments):
+        click.echo(f"bokehnet: {lines.summary()}", err=True)
+    _leave(code)
+
+
+def _flushed(code: int) -> int:
+    """Write what stdout still holds; return 1 with one line on stderr where it cannot be written."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = code or 1
+    except OSError as error:
+        code = _fail(write_failure(error)) if code == 0 else code
+    else:
+        return code
+    with contextlib.suppress(OSError):  # so that the end of the process does not try again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
 
 
 def _leave(code: int) -> None:
@@ -126,7 +170,17 @@ def _leave(code: int) -> None:
     sys.exit(code)
 
 
+def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
+    """Return where the help of a wrong option is, for commands with groups of options."""
+    command = app.commands.get(arguments[0]) if arguments else None
+    if not isinstance(error, ParameterError) or not isinstance(command, SectionedCommand):
+        return ""
+    group = command.group_of(error.parameter) if command.common else ""
+    return f"; see bokehnet {command.name} --help {group}" if group else ""
+
+
 def _fail(message: str) -> int:
     line = " ".join(message.split())
-    typer.echo(f"bokehnet: error: {line}", err=True)
+    with contextlib.suppress(OSError):  # stderr may be full, or closed
+        click.echo(f"bokehnet: error: {line}", err=True)
     return 1

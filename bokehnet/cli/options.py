@@ -6,13 +6,13 @@ the command line thus follow the same rules and raise the same errors.
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from inspect import Parameter, Signature, signature
-from typing import Annotated, Any
+from functools import wraps
+from typing import Any
 
-import typer
-from typer.core import TyperCommand, TyperGroup
+import click
 
-from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.cli.parser import SectionedOption, completion
+from bokehnet.errors import BokehnetError, ErrorCollector, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import Group, Setting, field_settings
 from bokehnet.settings.preset import load_preset
@@ -20,9 +20,8 @@ from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import read_toml, settings_from_table
 
 __all__ = [
+    "COMMON_OPTIONS",
     "OptionValues",
-    "QuickGroup",
-    "SectionedCommand",
     "message_of",
     "resolved_settings",
     "with_option_names",
@@ -32,73 +31,59 @@ __all__ = [
 # Values of the options on the command line, by group and field.
 OptionValues = dict[str, dict[str, Any]]
 
+# Options of the short help texts, with shorter texts than those of the fields.
+COMMON_OPTIONS = {
+    "output": "Output file. Default: photo_bokeh.jpg for photo.jpg.",
+    "disparity": "Disparity map: bright is near.",
+    "depth": "Depth map in metres, EXR.",
+    "depth-model": "Network that estimates the depth.",
+    "focus-at": "Pixel in focus. Default: the subject.",
+    "focus": "Disparity in focus, 0 (far) to 1 (near).",
+    "focus-distance": "With --depth: distance in focus, metres.",
+    "strength": "Blur strength, 0 to 100. Default: 50.",
+    "f-number": "Aperture on full frame, such as 1.8.",
+    "blur": "Blur radius, pixels per unit of disparity.",
+    "blades": "Aperture blades. Default: a round aperture.",
+    "preset": "Look: a name of `bokehnet presets`, or a file.",
+    "lens": "Lens with its aberrations: a name, or a file.",
+    "engine": "rays (default), scatter (fastest) or hybrid.",
+    "repair-disparity": "Align edges of the map with the picture.",
+    "quiet": "Print only errors.",
+}
+
 # Field name in back quotes in a message, such as `aperture.blades`.
 _QUOTED = re.compile(r"`([^`]+)`")
-
-
-class _NoConversion:
-    """Replacement for typer's converters, which need pydantic: its import alone takes 0.1 s."""
-
-    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
-        return value
-
-
-class _RawWords:
-    """Mixin that passes command-line words through as text.
-
-    The attribute is private to typer; without it everything works, but more slowly.
-    """
-
-    def get_params(self, ctx: Any) -> Any:
-        parameters = super().get_params(ctx)  # type: ignore[misc]
-        for parameter in parameters:
-            parameter._runtime_param = _NoConversion()
-        return parameters
-
-
-class QuickGroup(_RawWords, TyperGroup):
-    """Group of all commands, without argument conversion."""
-
-
-class SectionedCommand(_RawWords, TyperCommand):
-    """Command whose help has one section per group of options."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the sections in the order of definition."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for parameter in self.get_params(ctx):
-            if record := parameter.get_help_record(ctx):  # None if hidden
-                title = "Arguments" if parameter.param_type_name == "argument" else "General"
-                title = getattr(parameter, "rich_help_panel", None) or title
-                sections.setdefault(title, []).append(record)
-        for title, rows in sections.items():
-            with formatter.section(title):
-                formatter.write_dl(rows)
 
 
 def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds all options of some groups of settings to a command.
 
-    The command's last parameter, ``option_values``, receives the values that the user set; its other
-    parameters stay arguments of their own.
+    The command's parameter ``option_values`` receives the values that the user set.
     """
     known = [item for group in groups for item in field_settings(group).values() if item.flag]
-    titles = {group.GROUP: group.TITLE for group in groups}
+    titles = {group.TITLE: group.GROUP for group in reversed(groups)}  # groups of one title share its name
+    by_group = {group.GROUP: group.TITLE for group in groups}
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        *own, _ = signature(function).parameters.values()
-
+        @wraps(function)
         def run(**words: Any) -> None:
-            function(**{item.name: words[item.name] for item in own}, option_values=_read(known, words))
+            own = {name: word for name, word in words.items() if _SEPARATOR not in name}
+            function(**own, option_values=_read(known, words))
 
-        parameters = [
-            *(item.replace(kind=Parameter.KEYWORD_ONLY) for item in own),
-            *(option for item in known for option in _parameters(item, titles[item.group])),
-        ]
-        run.__name__, run.__doc__ = function.__name__, function.__doc__
-        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {item.name: item.annotation for item in parameters}
-        return run
+        result: Callable[..., None] = run
+        for item in reversed(known):
+            title = by_group[item.group]
+            for names, hidden in reversed(list(_names(item))):
+                result = click.option(
+                    *names,
+                    cls=SectionedOption,
+                    group=titles[title],
+                    section=title,
+                    hidden=hidden,
+                    help=item.help,
+                    **_value_attributes(item),
+                )(result)
+        return result
 
     return decorate
 
@@ -107,7 +92,35 @@ def resolved_settings(file: str | None, preset: str | None, option_values: Optio
     """Return the settings of a file, overridden by a preset, overridden by options."""
     base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
     look = {} if preset is None else load_preset(preset).values
-    return RenderSettings().updated(merged(base, look, option_values))
+    changes = merged(base, look, option_values)
+    try:
+        return RenderSettings().updated(changes)
+    except ParameterError as error:
+        others = _focus_errors(changes)
+        raise error.with_others(others) if others else error from error.__cause__
+
+
+def _focus_errors(changes: OptionValues) -> list[ParameterError]:
+    """Return errors of focus and camera beside those of an invalid group; none if the input is invalid."""
+    from bokehnet.scene.focus_checks import check_focus  # only for errors
+
+    valid: OptionValues = {}
+    for group, fields in changes.items():
+        try:
+            RenderSettings().updated({group: fields})
+            valid[group] = fields
+        except ParameterError:
+            if group == "input":
+                return []
+    try:
+        settings = RenderSettings().updated(valid)
+    except ParameterError:  # the error of several groups, reported already
+        return []
+    try:
+        check_focus(settings)
+    except ParameterError as error:
+        return [error]
+    return []
 
 
 def message_of(error: BokehnetError) -> str:
@@ -131,64 +144,63 @@ def _flags() -> dict[str, str]:
     return by_name | {item.path: f"--{item.flag}" for item in known if item.flag}
 
 
-def _parameters(known: Setting, title: str) -> Iterator[Parameter]:
-    """Yield the option of a field, and hidden ones for earlier names and for ``--no-...`` of a boolean.
+# Between group, field and variant in the name of a parameter: `aperture__blades`.
+_SEPARATOR = "__"
 
-    All have the default None, which marks options that the user did not set.
+
+def _names(known: Setting) -> Iterator[tuple[list[str], bool]]:
+    """Yield the parameter name and flags of a field's option, and whether it is hidden.
+
+    Hidden are earlier names and ``--no-...`` of a boolean.
     """
-    is_boolean = known.type is bool
-    kind: Any = (
-        bool if is_boolean else str if known.parts == 1 else tuple.__class_getitem__((str,) * known.parts)
-    )
-    names = {
-        _key(known): [f"--{known.flag}"],
-        f"{_key(known)}__earlier": [f"--{flag}" for flag in known.aliases],
-        f"{_key(known)}__not": [f"--no-{known.flag}"] if is_boolean else [],
+    yield [_key(known), f"--{known.flag}"], False
+    if known.aliases:
+        yield [f"{_key(known)}__earlier", *(f"--{flag}" for flag in known.aliases)], True
+    if known.type is bool:
+        yield [f"{_key(known)}__not", f"--no-{known.flag}"], True
+
+
+def _value_attributes(known: Setting) -> dict[str, Any]:
+    """Return the parser attributes of a field's value: texts, as the field parses and checks them.
+
+    The default None marks options that the user did not set.
+    """
+    if known.type is bool:
+        return {"is_flag": True, "default": None}
+    metavar = _metavar(known)
+    files = "PATH" in metavar or "FILE" in metavar
+    return {
+        "type": click.STRING if known.parts == 1 else (click.STRING,) * known.parts,
+        "metavar": metavar,
+        "shell_complete": completion(lambda: known.choices, files=files),
     }
-    for name, flags in names.items():
-        if flags:
-            option = typer.Option(
-                *flags,
-                help=known.help,
-                metavar=None if is_boolean else _metavar(known),
-                rich_help_panel=title,
-                hidden=name != _key(known),
-                show_default=False,
-                autocompletion=_completion(known.choices),
-            )
-            yield Parameter(
-                name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, option]
-            )
 
 
 def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
     """Return the values of the options that the user set."""
     values: OptionValues = {}
+    errors = ErrorCollector()
     for item in known:
         name = _key(item)
         variants = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
         present = {key: word for key, word in variants.items() if word is not None}
-        if len(present) > 1:
-            raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
-        for key, word in present.items():
-            try:
-                value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
-            except ParameterError as error:
-                raise error.renamed(f"--{item.flag}") from error
-            values.setdefault(item.group, {})[item.name] = value
+        with errors.collect():
+            if len(present) > 1:
+                raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
+            for key, word in present.items():
+                try:
+                    value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
+                except ParameterError as error:
+                    raise error.renamed(f"--{item.flag}") from error
+                values.setdefault(item.group, {})[item.name] = value
+    errors.raise_all()
     return values
 
 
 def _key(known: Setting) -> str:
-    return f"{known.group}__{known.name}"
+    return f"{known.group}{_SEPARATOR}{known.name}"
 
 
 def _metavar(known: Setting) -> str:
     words = {int: "N", float: "X", str: "TEXT"}
     return known.metavar or "|".join(known.choices) or words.get(known.type, "PATH")
-
-
-def _completion(choices: Sequence[str]) -> Callable[[str], list[str]] | None:
-    if not choices:
-        return None
-    return lambda incomplete: [word for word in choices if word.startswith(incomplete)]

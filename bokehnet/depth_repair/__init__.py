@@ -4,7 +4,7 @@ In: the all-in-focus picture, scene-linear (H, W, 3), and its disparity (H, W), 
 :class:`~bokehnet.depth_repair.repair.RepairedMap` in the same unit, equal to the input where all edges are
 accurate.
 
-Open first: ``repair.py``, which lists the stages in order. ``edge_bias.py`` and ``map_offset.py`` estimate
-errors common to all edges, and ``edge_profile.py`` confirms them without a network. ``stages/`` contains one
-correction per file. ``acceptance.py`` decides where the repair replaces the input.
+Open first: ``repair.py``, which lists the steps in order. ``diagnosis.py`` measures the errors of a map,
+``stages/`` contains one correction per file, and ``acceptance.py`` decides where the repair replaces the
+input; both use ``edge_profile.py``. ``config.py`` holds the numbers, ``filters.py`` what stages share.
 """

@@ -1,13 +1,13 @@
-"""Edge profile: signed distance from the depth edges of a map to the edges of its picture, in closed form.
+"""Edge profile: agreement of the depth edges of a map with the edges of its picture, in closed form.
 
 Method: depth edges are ridges of the smoothed slope (non-maximum suppression with a subpixel parabola; Canny,
 "A computational approach to edge detection", IEEE TPAMI 1986). The gradient of the picture is sampled along
-the normal of each; its mean over all edges peaks where the edges of the picture lie. The standard error comes
-from groups of neighbouring edge pixels. The repair moves a map, or all of its edges, only if this profile
-agrees with the network.
+the normal of each; the agreement at a distance is its height there above the higher one of both sides. The
+mean over all edges peaks where the edges of the picture lie. The standard error comes from groups of
+neighbouring edge pixels.
 
-In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: an :class:`EdgeProfile` with an
-offset in pixels, positive towards the near side.
+In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: :class:`EdgeSamples`, from which
+the diagnosis and the acceptance take their evidence; no network is involved.
 """
 
 import math
@@ -15,24 +15,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.depth_repair.network_tiles import BLOCK_PX
-from bokehnet.depth_repair.stages.edge_sharpening import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
 from bokehnet.optics.encoding import encode
 
-__all__ = [
-    "DepthEdges",
-    "EdgeProfile",
-    "accepted_offset",
-    "accepted_shift",
-    "edge_profile",
-    "find_depth_edges",
-]
+__all__ = ["DISTANCES_PX", "EdgeProfile", "EdgeSamples", "sample_edges"]
 
 # Largest distance of a peak from the depth edge, and spacing of the samples, pixels.
-_MAX_DISTANCE_PX, _SPACING_PX = 7.5, 0.5
+_MAX_DISTANCE_PX, _SPACING_PX = 9.0, 0.5
 
-# Distances from a peak between which each of its two sides is measured, pixels.
-_SIDES_PX = (1.5, 3.5)
+# Distances from a depth edge at which the agreement is known, pixels; positive towards the near side.
+DISTANCES_PX = np.arange(-_MAX_DISTANCE_PX, _MAX_DISTANCE_PX + _SPACING_PX / 2, _SPACING_PX)
+
+# Half width of a peak, and distances from it between which each of its two sides is measured, pixels, at
+# scale 1. At scale n, the half width grows by n - 1 pixels, and the sides lie n times as far.
+_PEAK_PX, _SIDES_PX = 0.5, (1.5, 3.5)
 
 # Half length of the difference that measures the gradient, pixels; a multiple of the spacing.
 _HALF_DIFFERENCE_PX = 1.0
@@ -43,205 +39,155 @@ _MIN_GRADIENT = 0.005
 # Binomial filter of the map before its slope is measured, and the slope per pixel of a filtered step of 1.
 _SMOOTHING, _SLOPE_OF_STEP = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16), 5 / 16
 
-# Maximum number of edge pixels that are sampled.
-_MAX_EDGE_PIXELS = 6000
-
 # Number of groups of edge pixels for the standard error, and number of standard errors subtracted.
 _GROUPS, _STANDARD_ERRORS = 16, 2.0
-
-# Minimum certainty for a change of the map. The profiles of random maps reach 0.01.
-_MIN_CERTAINTY = 0.1
-
-# Minimum distance of the peak from the depth edges for a shift: a pixel, minus the error on discs. On
-# accurate maps the distance reaches 0.75.
-_MIN_OFFSET_PX = 0.9
-
-# Minimum ratio of the certainties of a changed map and of the map as it is.
-_MIN_GAIN = 1.1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthEdges:
-    """Ridges of the slope of a map: one edge pixel for about each pixel along a depth edge.
-
-    Attributes:
-        places: Rows and columns, between pixels, (2, N); in raster order.
-        normals: Unit vectors towards the near side, down and right, (2, N).
-        slopes: Slope of the smoothed map, as a fraction of its range per pixel, (N,).
-    """
-
-    places: np.ndarray
-    normals: np.ndarray
-    slopes: np.ndarray
-
-    def moved(self, offset: tuple[int, int]) -> "DepthEdges":
-        """Return the edges of the map moved by some pixels down and to the right."""
-        return DepthEdges(self.places + np.array(offset)[:, None], self.normals, self.slopes)
-
-    def within(self, blocks: np.ndarray) -> "DepthEdges":
-        """Return the edges inside some blocks of 8x8 pixels, (H / 8, W / 8) bool."""
-        rows, columns = (self.places / BLOCK_PX).astype(np.intp)
-        return self._select(blocks[rows, columns])
-
-    def subsampled(self, count: int) -> "DepthEdges":
-        """Return at most ``count`` edge pixels, evenly spaced in raster order."""
-        if len(self.slopes) <= count:
-            return self
-        return self._select(np.linspace(0, len(self.slopes) - 1, count).astype(np.intp))
-
-    def _select(self, index: np.ndarray) -> "DepthEdges":
-        return DepthEdges(self.places[:, index], self.normals[:, index], self.slopes[index])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EdgeProfile:
-    """Peak of the mean gradient of a picture across the depth edges of a map.
+    """Peak of the mean agreement of a picture and the depth edges of a map.
 
     Attributes:
-        offset: Distance of the peak from the depth edges, pixels, at most 7.5; positive towards the near
-            side, if foreground regions of the map are too large. The error on exact maps is below 0.5.
-        certainty: Height of the peak above the higher one of its sides, minus two standard errors, as a
-            fraction of the mean gradient near edges. The profile is meaningless below 0.1.
-        edge_pixels: Number of edge pixels of the map.
+        offset: Distance of the peak from the depth edges, pixels, at most 9; positive towards the near side,
+            if foreground regions of the map are too large. The error on exact maps is below 0.5.
+        certainty: Height of the peak minus two standard errors, as a fraction of the mean gradient near
+            edges. The profile is meaningless below 0.1.
     """
 
     offset: float = 0.0
     certainty: float = 0.0
-    edge_pixels: int = 0
-
-    @property
-    def is_certain(self) -> bool:
-        """Return whether the peak is significant."""
-        return self.certainty >= _MIN_CERTAINTY
-
-    @property
-    def is_centred(self) -> bool:
-        """Return whether the profile is certain and peaks within 0.9 pixels of the depth edges."""
-        return self.is_certain and abs(self.offset) < _MIN_OFFSET_PX
-
-    def exceeds(self, other: "EdgeProfile") -> bool:
-        """Return whether the profile is certain, and at least 1.1 times as certain as another one."""
-        return self.is_certain and self.certainty >= _MIN_GAIN * other.certainty
 
 
-def find_depth_edges(disparity: np.ndarray) -> DepthEdges:
-    """Return the depth edges of a map.
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeSamples:
+    """Gradients of a picture across the depth edges of a map: one sample per pixel along a depth edge.
 
-    The function ignores edges within 12 pixels of the border and edges lower than 5 % of the range of the
-    map.
+    Attributes:
+        places: Rows and columns, between pixels, (2, N); in raster order.
+        normals: Unit vectors towards the near side, down and right, (2, N).
+        weights: Slope of the smoothed map, as a fraction of its range per pixel, (N,).
+        heights: Gradient at each distance of ``DISTANCES_PX`` above the far and above the near side of that
+            distance, as a fraction of the mean gradient of the edge, (2, distances, N).
+    """
+
+    places: np.ndarray
+    normals: np.ndarray
+    weights: np.ndarray
+    heights: np.ndarray
+
+    def select(self, index: np.ndarray) -> "EdgeSamples":
+        """Return some of the samples."""
+        return EdgeSamples(
+            self.places[:, index], self.normals[:, index], self.weights[index], self.heights[:, :, index]
+        )
+
+    def agreement(self, distances: np.ndarray | float = 0.0) -> tuple[float, float]:
+        """Return the mean agreement of all edges displaced along their normals, and its standard error.
+
+        Args:
+            distances: Displacement of each edge, pixels, (N,) or one for all; clipped to 9.
+        """
+        count = len(self.weights)
+        if count < _GROUPS:
+            return 0.0, 0.0
+        at = np.rint((np.asarray(distances) + _MAX_DISTANCE_PX) / _SPACING_PX).astype(np.intp)
+        at = np.broadcast_to(np.clip(at, 0, len(DISTANCES_PX) - 1), (count,))
+        heights = self.heights[:, at, np.arange(count)] * self.weights
+        starts = np.linspace(0, count, _GROUPS, endpoint=False).astype(np.intp)
+        weights, sums = np.add.reduceat(self.weights, starts), np.add.reduceat(heights, starts, axis=1)
+        means = sums.sum(1) / weights.sum()
+        side = int(means.argmin())
+        deviations = sums[side] / weights - means[side]
+        error = math.sqrt(np.square(weights * deviations).sum()) / weights.sum()
+        return float(means[side]), error
+
+    def profile(self) -> EdgeProfile:
+        """Return the peak of the mean agreement.
+
+        A peak must rise above both of its sides, because textured foreground in front of a plain background
+        raises one of them.
+        """
+        if len(self.weights) < _GROUPS:
+            return EdgeProfile()
+        lower = ((self.heights @ self.weights) / self.weights.sum()).min(0)
+        peak = int(lower.argmax())
+        height, error = self.agreement(float(DISTANCES_PX[peak]))
+        return EdgeProfile(
+            offset=float(DISTANCES_PX[peak] + _SPACING_PX * _vertex(lower, peak)),
+            certainty=height - _STANDARD_ERRORS * error,
+        )
+
+
+def sample_edges(
+    image: np.ndarray,
+    disparity: np.ndarray,
+    max_edges: int | None = None,
+    mask: np.ndarray | None = None,
+    scale: int = 1,
+) -> EdgeSamples:
+    """Return the depth edges of a map with the gradients of its picture across them.
+
+    The gradients along each normal are divided by their mean, so that strong edges of the picture have no
+    more weight than faint ones. The function ignores edges within 14 pixels of the border and edges lower
+    than 5 % of the range of the map.
 
     Args:
+        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
         disparity: Map, (H, W), any unit, rising towards the camera.
+        max_edges: Maximum number of edge pixels, evenly spaced in raster order; default: all.
+        mask: Pixels whose edges are sampled, (H, W) bool; default: all.
+        scale: Width of the peaks: 1 for edges that lie at one distance, more for edges scattered around it.
     """
-    margin, span = math.ceil(_MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX), float(np.ptp(disparity))
+    reach, span = _MAX_DISTANCE_PX + scale * _SIDES_PX[1], float(np.ptp(disparity))
+    margin = math.ceil(reach + _HALF_DIFFERENCE_PX)
     if span == 0 or min(disparity.shape) <= 2 * margin:
-        return DepthEdges(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0))
+        return EdgeSamples(
+            np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0), np.zeros((2, len(DISTANCES_PX), 0), np.float32)
+        )
     down, right = np.gradient(_smooth(_smooth(disparity / span).T).T)
     slope = np.hypot(down, right)
     steep = slope > MIN_EDGE_HEIGHT * _SLOPE_OF_STEP
+    if mask is not None:
+        steep &= mask
     steep[:margin] = steep[-margin:] = steep[:, :margin] = steep[:, -margin:] = False
     pixels = np.array(np.nonzero(steep))
     centre = slope[steep]
     normals = np.array([down[steep], right[steep]]) / centre
     ahead, behind = (_sample(slope[None], pixels + way * normals)[0] for way in (1, -1))
     ridge = (centre >= ahead) & (centre > behind)
+    if max_edges is not None and ridge.sum() > max_edges:
+        ridge = np.flatnonzero(ridge)[np.linspace(0, ridge.sum() - 1, max_edges).astype(np.intp)]
     pixels, normals, centre, ahead, behind = (x[..., ridge] for x in (pixels, normals, centre, ahead, behind))
     vertex = (ahead - behind) / (2 * (2 * centre - ahead - behind))  # of the parabola through three slopes
-    return DepthEdges(pixels + vertex * normals, normals, centre)
+    places = pixels + vertex * normals
+    return EdgeSamples(places, normals, centre, _heights(_gradients(image, places, normals, reach), scale))
 
 
-def edge_profile(image: np.ndarray, edges: DepthEdges) -> EdgeProfile:
-    """Return the peak of the mean gradient of a picture across depth edges.
-
-    The gradients along each normal are divided by their mean, so that strong edges of the picture have no
-    more weight than faint ones; edge pixels have their slope as weight. A peak must rise above both of its
-    sides, because textured foreground in front of a plain background raises one of them.
-
-    Args:
-        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
-        edges: Depth edges of its map.
-    """
-    number = len(edges.slopes)
-    if number < _GROUPS:
-        return EdgeProfile(edge_pixels=number)
-    edges = edges.subsampled(_MAX_EDGE_PIXELS)
-    starts = np.linspace(0, len(edges.slopes), _GROUPS, endpoint=False).astype(np.intp)
-    weights = np.add.reduceat(edges.slopes, starts)
-    sums = np.add.reduceat(_gradients(image, edges) * edges.slopes, starts, axis=1)
-    heights = _heights(sums.sum(1) / weights.sum())
-    lower = heights.min(0)
-    peak = int(lower.argmax())
-    side = int(heights[:, peak].argmin())
-    deviations = _heights(sums / weights)[side, peak] - lower[peak]
-    error = math.sqrt(np.square(weights * deviations).sum()) / weights.sum()
-    return EdgeProfile(
-        offset=-_MAX_DISTANCE_PX + _SPACING_PX * (peak + _vertex(lower, peak)),
-        certainty=float(lower[peak] - _STANDARD_ERRORS * error),
-        edge_pixels=number,
-    )
-
-
-def accepted_shift(profile: EdgeProfile, shift: int) -> int:
-    """Return the part of a shift that the profile supports: pixels by which foreground regions grow.
-
-    Args:
-        profile: Edge profile of the edges that the shift would move.
-        shift: Proposed shift, pixels, negative to shrink foreground regions.
-
-    Returns:
-        0 if the profile is uncertain, peaks less than 0.9 pixels from the edges, or has the other sign;
-        otherwise the proposal, clipped to the distance of the peak.
-    """
-    if not profile.is_certain or profile.is_centred or profile.offset * shift >= 0:
-        return 0
-    return int(math.copysign(min(abs(shift), round(abs(profile.offset))), shift))
-
-
-def accepted_offset(image: np.ndarray, edges: DepthEdges, offset: tuple[int, int]) -> tuple[int, int]:
-    """Return the part of a translation that the profile supports, pixels down and to the right.
-
-    In a translated map, the edges of the picture lie on the near side of some depth edges and on the far side
-    of the opposite ones. The correct translation merges these two peaks into one.
-
-    Args:
-        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
-        edges: Depth edges of the input map.
-        offset: Proposed translation, pixels.
-
-    Returns:
-        The proposal or one of its components, whichever has the most certain profile; (0, 0) if none is
-        certain, or none is clearly more certain than the input.
-    """
-    if offset == (0, 0):
-        return offset
-    down, right = offset
-    parts = dict.fromkeys([(0, 0), offset, (down, 0), (0, right)])
-    profiles = {part: edge_profile(image, edges.moved(part)) for part in parts}
-    best = max(profiles, key=lambda part: profiles[part].certainty)
-    return best if profiles[best].exceeds(profiles[0, 0]) else (0, 0)
-
-
-def _gradients(image: np.ndarray, edges: DepthEdges) -> np.ndarray:
-    """Return the gradients along each normal divided by their mean, (samples, N)."""
-    reach = _MAX_DISTANCE_PX + _SIDES_PX[1] + _HALF_DIFFERENCE_PX
+def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray, reach: float) -> np.ndarray:
+    """Return the gradients up to some pixels along each normal divided by their mean, (samples, N)."""
+    reach += _HALF_DIFFERENCE_PX
     distances = np.arange(-reach, reach + _SPACING_PX / 2, _SPACING_PX)[:, None]
-    light = encode(_sample(image, edges.places[:, None] + distances * edges.normals[:, None]))
+    light = encode(_sample(image, places[:, None] + distances * normals[:, None]))
     lag = round(2 * _HALF_DIFFERENCE_PX / _SPACING_PX)
     gradients = np.abs(light[:, lag:] - light[:, :-lag]).mean(0) / (2 * _HALF_DIFFERENCE_PX)
     scaled: np.ndarray = gradients / (gradients.mean(0) + _MIN_GRADIENT)
     return scaled
 
 
-def _heights(profiles: np.ndarray) -> np.ndarray:
-    """Return the heights of a profile (samples, ...) above both of its sides, (2, places, ...)."""
-    first, last = (round(distance / _SPACING_PX) for distance in _SIDES_PX)
-    places = len(profiles) - 2 * last
+def _heights(gradients: np.ndarray, scale: int) -> np.ndarray:
+    """Return the heights of gradients (samples, N) above both sides, (2, distances, N)."""
+    first, last = (round(scale * distance / _SPACING_PX) for distance in _SIDES_PX)
+    width = round((_PEAK_PX + scale - 1) / _SPACING_PX)
+    sums = np.concatenate([np.zeros_like(gradients[:1]), gradients.cumsum(0)])
+    places = len(gradients) - 2 * last
 
-    def mean(shifts: range) -> np.ndarray:
-        return np.mean([profiles[last + shift : last + shift + places] for shift in shifts], axis=0)
+    def mean(low: int, high: int) -> np.ndarray:
+        """Return the mean from ``low`` to ``high`` samples beside each place, inclusive."""
+        upper, lower = (sums[last + shift : last + shift + places] for shift in (high + 1, low))
+        return np.asarray((upper - lower) / (high + 1 - low), np.float32)
 
-    middle = mean(range(-1, 2))
-    return np.array([middle - mean(range(-last, 1 - first)), middle - mean(range(first, last + 1))])
+    middle = mean(-width, width)
+    return np.array([middle - mean(-last, -first), middle - mean(first, last)])
 
 
 def _vertex(values: np.ndarray, at: int) -> float:

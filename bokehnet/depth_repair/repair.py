@@ -1,106 +1,63 @@
 """Disparity repair: move the depth edges of an imperfect map to the edges of its picture.
 
-Order of the stages; each is documented in its own module with its published method:
+Steps; each stage is documented in its own module with its published method:
 
-1. noise estimate and bilateral filter (``stages/denoising.py``);
-2. for soft maps: removal of overshoots and shock filter (``stages/overshoots.py``, ``edge_sharpening.py``);
-3. at the smallest size of an image pyramid: translation and edge bias of the whole map, by votes of the
-   network that the edge profile confirms (``map_offset.py``, ``edge_bias.py``, ``edge_profile.py``);
-4. from the smallest size upwards: the repair network in tiles (``network_tiles.py``), above 2048 pixels the
-   two-class colour test (``stages/edge_alignment.py``);
-5. for soft maps: deconvolution and weighted median (``stages/edge_snapping.py``);
-6. thin structures (``stages/thin_structures.py``);
-7. with "auto": acceptance in each window (``acceptance.py``).
+1. noise is measured and removed (``stages/denoise.py``);
+2. overshoots of soft maps are removed (``stages/overshoots.py``); at the smallest size of an image pyramid
+   soft edges are sharpened (``stages/sharpen.py``), and offset, growth and agreement with the picture are
+   measured (``diagnosis.py``). A map whose edges do not follow the picture stays as it is;
+3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
+   blurred detail is restored (``stages/deblur.py``), and so are thin structures
+   (``stages/thin_structures.py``);
+4. one rule accepts the changes in each place (``acceptance.py``);
+5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
 In: all-in-focus picture, scene-linear float32 (H, W, 3), and disparity (H, W) in any unit, rising towards the
 camera. Out: a :class:`RepairedMap` in the same unit. ONNX Runtime runs the network; torch is not needed.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.halving import half_image, half_map
-from bokehnet.arrays.pyramid import crop_to, pad_to_multiple, upsample2
-from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
-from bokehnet.depth_repair.acceptance import (
-    accept_repair,
-    block_ranges,
-    count_misplaced,
-    misplaced_fractions,
-)
-from bokehnet.depth_repair.edge_bias import find_edge_bias, is_unbiased, shift_edges
-from bokehnet.depth_repair.edge_profile import (
-    EdgeProfile,
-    accepted_offset,
-    accepted_shift,
-    edge_profile,
-    find_depth_edges,
-)
-from bokehnet.depth_repair.map_offset import find_map_offset, translate_map
-from bokehnet.depth_repair.network_tiles import BLOCK_PX, HALO_PX, MAX_TILE_PIXELS, repair_tiles
+from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
+from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
+from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.depth_repair.stages.denoising import denoise_map, is_noisy, noise_level
-from bokehnet.depth_repair.stages.edge_alignment import align_edges
-from bokehnet.depth_repair.stages.edge_sharpening import (
-    MIN_EDGE_HEIGHT,
-    SHARPENING_HALO_PX,
-    SOFT_FRACTION,
-    local_extremes,
-    repair_soft_edges,
-    soft_edge_fraction,
-)
-from bokehnet.depth_repair.stages.edge_snapping import SoftMap
-from bokehnet.depth_repair.stages.overshoots import remove_overshoots
+from bokehnet.depth_repair.stages.deblur import estimate_blur, restore_blurred_detail, snap_soft_edges
+from bokehnet.depth_repair.stages.denoise import denoise_map
+from bokehnet.depth_repair.stages.enlarge import enlarge_changes
+from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
+from bokehnet.depth_repair.stages.overshoots import overshoot_fraction, remove_overshoots
+from bokehnet.depth_repair.stages.register import Placement
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
-from bokehnet.depth_repair.stages.weighted_median import blurred_edge_mask
-from bokehnet.inference.process_memory import keeps_freed_memory, release_freed_memory
-from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.progress import Progress
+from bokehnet.inference.session import WEIGHTS
+from bokehnet.progress import Progress, ignore_progress
 
-__all__ = [
-    "REPAIR_MODES",
-    "DisparityRepair",
-    "RepairMode",
-    "RepairedMap",
-    "network_memory",
-]
+__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap", "network_memory"]
 
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
 
-# Memory of the network per pixel of a tile, bytes.
-_NETWORK_BYTES_PER_PIXEL = 480
+# Fraction of the progress at the end of the smallest size.
+_BASE_PROGRESS = 0.8
 
-# Maximum side of the smallest size of the pyramid, pixels. Larger pictures are repaired at half their size
-# first, because their maps are wrong by more pixels.
-_BASE_SIDE_PX = 1024
+# Maximum ratio of the residuals of a soft map with and without its growth corrected at which the corrected
+# one is used. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
+_MAX_RESIDUAL_RATIO = 0.73
 
-# Maximum side of a size at which the network runs, pixels. Its result is enlarged and aligned with the edges
-# of the larger picture, which on path-traced scenes of four times the size places more pixels correctly than
-# the network does (docs/method/large.md).
-_NETWORK_SIDE_PX = 2048
-
-# Cost of the network per pixel, relative to the cost of edge alignment; for the progress only.
-_NETWORK_COST = 10
-
-# Ratio of the misplaced fractions with and without a shift from which on a block is not shifted. On soft maps
-# of thin structures both fractions are large.
-_MAX_MISPLACED_RATIO = 2
-
-# Maximum number of translations of a map, one after the other.
-_MAX_TRANSLATIONS = 3
-
-# Repaired fraction of the picture above which the reason names no percentage.
+# Accepted fraction of the picture above which the reason names no percentage.
 _WHOLE_FRACTION = 0.995
 
-# Fraction of soft edges above which they are snapped to colour edges. Sharp maps of hair have up to 0.17.
-_MIN_SOFTNESS_TO_SNAP = 0.2
+# Dilation of soft pixels that follow colour edges, pixels.
+_SOFT_DILATION_PX = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -110,75 +67,16 @@ class RepairedMap:
     Attributes:
         disparity: Repaired map, (H, W), in the unit of the input; never the same array.
         repaired: True if edges were moved.
-        reason: Reason for or against the repair in a few words.
+        reason: Errors of the map and their correction, or the reason against a repair, in a few words.
         plan: Decisions of the repair; None if the map was not analysed.
+        diagnosis: Measured errors of the map; None if it was not analysed.
     """
 
     disparity: npt.NDArray[np.float32]
     repaired: bool
     reason: str
     plan: RepairPlan | None = None
-
-
-def network_memory(height: int, width: int) -> int:
-    """Return the peak memory of the repair network, bytes.
-
-    Args:
-        height: Height of the picture, pixels.
-        width: Width of the picture, pixels.
-    """
-    return _NETWORK_BYTES_PER_PIXEL * min(height * width, MAX_TILE_PIXELS)
-
-
-class _Placement(NamedTuple):
-    """Translation and edge bias of a map at the smallest size of the pyramid.
-
-    Attributes:
-        offset: Translation of the map down and to the right, pixels.
-        shift: Pixels by which foreground regions grow after the translation, negative to shrink.
-        shifted_blocks: Blocks of 8x8 pixels in which they grow, (H / 8, W / 8) bool; ``None`` for all.
-        repaired: Repaired map, (H, W); ``None`` if foreground regions grow in some blocks only.
-    """
-
-    offset: tuple[int, int] = (0, 0)
-    shift: int = 0
-    shifted_blocks: np.ndarray | None = None
-    repaired: np.ndarray | None = None
-
-
-class _Workload:
-    """Progress of the repair, weighted by the cost of each size of the pyramid.
-
-    Args:
-        shapes: Shapes of the picture at each size, (3, H, W), the largest first.
-        progress: Progress callback; None for none.
-
-    Attributes:
-        network_sizes_below: Number of sizes smaller than the largest one at which the network runs.
-        is_large: True if there are several sizes.
-    """
-
-    def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None) -> None:
-        smallest = len(shapes) - 1
-        runs_network = [max(shape) <= _NETWORK_SIDE_PX or at == smallest for at, shape in enumerate(shapes)]
-        self.network_sizes_below, self.is_large = smallest - runs_network.index(True), smallest > 0
-        self._costs = [
-            height * width * (_NETWORK_COST if is_network_size else 1)
-            for is_network_size, (_, height, width) in zip(runs_network, shapes, strict=True)
-        ]
-        self._progress = progress
-
-    def report(self, smaller_sizes: int, fraction: float) -> None:
-        """Report that a fraction of one size is done.
-
-        Args:
-            smaller_sizes: Number of smaller sizes, all of which are done.
-            fraction: Fraction of this size that is done, 0 to 1.
-        """
-        if self._progress is not None:
-            at = len(self._costs) - 1 - smaller_sizes
-            done = sum(self._costs[at + 1 :]) + fraction * self._costs[at]
-            self._progress(round(1000 * done / sum(self._costs)), 1000)
+    diagnosis: Diagnosis | None = None
 
 
 class DisparityRepair:
@@ -187,14 +85,17 @@ class DisparityRepair:
     Args:
         weights: Folder with the network and its manifest; default: the weights of the package.
         threads: Number of threads of the network; 0 uses all cores.
+        config: Numbers of the repair.
 
     Raises:
         ModelFileError: The network is missing or damaged.
     """
 
-    def __init__(self, weights: Path | None = None, threads: int = 0) -> None:
-        folder = weights or WEIGHTS / "repair"
-        self._network = load_network(folder, "repair", ("image", "disparity", "span"), threads)
+    def __init__(
+        self, weights: Path | None = None, threads: int = 0, config: RepairConfig | None = None
+    ) -> None:
+        self._network = RepairNetwork(weights or WEIGHTS / "repair", threads)
+        self._config = config or RepairConfig()
 
     def __call__(
         self,
@@ -215,17 +116,16 @@ class DisparityRepair:
     ) -> RepairedMap:
         """Move the depth edges of a map to the edges of the picture, and report whether and why.
 
-        Noise is removed first (:mod:`bokehnet.depth_repair.stages.denoising`). Every output value lies within
-        the range of nearby input values, so that flat regions do not change. The exception is detail that
-        blur has removed from a soft map (:mod:`bokehnet.depth_repair.stages.deblurring`); it lies within the
-        range of the whole map. Maps of large pictures are repaired at half the size first. The memory beyond
-        input and output is that of a tile and a third of the picture.
+        Noise is removed first. Every output value lies within the range of nearby input values, so that flat
+        regions do not change. The exception is detail that blur has removed from a soft map
+        (:mod:`bokehnet.depth_repair.stages.deblur`); it lies within the range of the whole map. The memory
+        beyond input and output is that of a tile of the network and twice a third of the picture.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
             disparity: Map, (H, W), any unit and offset, rising towards the camera, such as a defocus map.
-            mode: "on" repairs everywhere. "auto" only removes noise wherever nearly all edges are already
-                accurate (:func:`bokehnet.depth_repair.acceptance.accept_repair`). "off" changes nothing.
+            mode: "on" repairs everywhere. "auto" moves edges only where the picture agrees better with their
+                new place (:func:`bokehnet.depth_repair.acceptance.accepted_blocks`). "off" changes nothing.
             progress: Callback with (steps done, total steps); an exception from it ends the repair.
             plan: Decisions for the whole shot, which "auto" follows. Default: decide from this map.
 
@@ -244,366 +144,196 @@ class DisparityRepair:
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
         if image.min() < 0:
             image = np.maximum(image, 0)
-        noise = noise_level(disparity) if plan is None else plan.noise
-        if not is_noisy(noise):
-            return self._move_edges(image, disparity, mode, progress, plan)
-        denoised = denoise_map(image, disparity, noise * span)
-        outcome = self._move_edges(image, denoised, mode, progress, plan)
-        return replace(
-            outcome,
-            reason=f"{outcome.reason}; noise of {100 * noise:.2g} % of its range taken out",
-            plan=None if outcome.plan is None else replace(outcome.plan, noise=noise),
-        )
+        return self._repair(image, disparity, mode, progress or ignore_progress, plan)
 
-    def _move_edges(
+    def _repair(
         self,
         image: np.ndarray,
         disparity: np.ndarray,
         mode: RepairMode,
-        progress: Progress | None,
+        progress: Progress,
         plan: RepairPlan | None,
     ) -> RepairedMap:
-        """Repair a map without noise in the mode "on" or "auto"; see :meth:`repair`."""
-        span = float(disparity.max()) - float(disparity.min())
-        if plan is not None and mode == "auto":
-            if not plan.repaired:
-                reason = "as most of the shot"
-                return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=plan)
-            mode = "on"
-        softness = soft_edge_fraction(disparity) if plan is None else plan.softness
-        start = clean = disparity
-        if softness > SOFT_FRACTION:
-            clean = remove_overshoots(disparity)
-            start = repair_soft_edges(clean)
-        sizes = [image.transpose(2, 0, 1)]
-        while max(sizes[-1].shape) > _BASE_SIDE_PX:
-            sizes.append(half_image(sizes[-1]))
-        workload = _Workload([x.shape for x in sizes], progress)
-        halvings, smallest = len(sizes) - 1, sizes[-1]
+        """Repair a map that is not constant in the mode "on" or "auto"; see :meth:`repair`."""
+        config = self._config
+        noise = plan.noise if plan is not None and plan.noise is not None else noise_level(disparity)
+        is_noisy = "denoise" in config.stages and config.noise_range[0] < noise < config.noise_range[1]
+        noise *= is_noisy
+        clean = denoise_map(image, disparity, noise * float(np.ptp(disparity))) if is_noisy else disparity
+        if plan is not None and mode == "auto" and not plan.repaired:
+            return RepairedMap(
+                disparity=clean.copy(), repaired=False, reason="as most of the shot", plan=plan
+            )
+        softness = soft_edge_fraction(clean) if plan is None else plan.softness
+        is_soft = "sharpen" in config.stages and softness > config.min_softness
+        flat = remove_overshoots(clean) if is_soft and "overshoots" in config.stages else clean
+        rings = flat is not clean and overshoot_fraction(clean, flat) >= config.min_overshoots
+        pictures, maps = [image.transpose(2, 0, 1)], [flat if rings else clean]
+        while max(pictures[-1].shape) > config.base_side_px:
+            pictures.append(half_image(pictures[-1]))
+            maps.append(half_map(maps[-1]))
+        scale, colors, small = 2 ** (len(maps) - 1), pictures[-1], maps[-1]
+        start = repair_soft_edges(small) if is_soft else small
         if plan is None:
-            small_map = _halved_repeatedly(start, halvings)
-            placement, scale = self._estimate_placement(smallest, small_map, span, workload), 2**halvings
-            shift, offset = (
-                scale * placement.shift,
-                (scale * placement.offset[0], scale * placement.offset[1]),
-            )
+            diagnosis = diagnose(colors, start, noise, softness, config)
         else:
-            placement, shift, offset = _Placement(), plan.shift, plan.offset
-        start, clean = (translate_map(x, offset) for x in (start, clean))
-        maps = [_shift_blocks(start, shift, placement.shifted_blocks)]
-        del start
-        soft = None
-        if softness > _MIN_SOFTNESS_TO_SNAP:
-            variants = (
-                [clean] if shift == 0 else [clean, _shift_blocks(clean, shift, placement.shifted_blocks)]
-            )
-            soft = SoftMap(tuple((blurred_edge_mask(x), x) for x in variants))
-        repaired = self._repair(
-            sizes, maps, span, workload, placement.repaired, soft, ramps=softness > SOFT_FRACTION
-        )
-        if mode == "on":
-            reason = "asked for" if plan is None else "as most of the shot"
-            decisions = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
-            return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=decisions)
-        is_confirmed = True
-        # The edges of a soft map have no definite position.
-        if (shift, offset) == (0, (0, 0)) and softness <= SOFT_FRACTION:
-            before, after = _profiles_of_change(
-                smallest, small_map, _halved_repeatedly(repaired, halvings), MIN_EDGE_HEIGHT * span
-            )
-            if before.is_centred and not after.exceeds(before):
-                reason = "its edges lie at those of the picture"
-                decisions = RepairPlan(repaired=False, softness=softness, shift=0)
-                return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=decisions)
-            is_confirmed = before.is_certain
-        accepted = accept_repair(disparity, repaired, is_confirmed=is_confirmed)
-        reason = f"{100 * accepted.misplaced_fraction:.2g} % of its edges stood out of place"
-        if offset != (0, 0):
-            reason += f", all moved {_in_words(offset)}"
-        if accepted.repaired_fraction == 0:
-            reason = f"only {reason}"
-        elif accepted.repaired_fraction < _WHOLE_FRACTION:
-            reason = f"{100 * accepted.repaired_fraction:.0f} % of the picture, as {reason}"
-        decisions = RepairPlan(
-            repaired=accepted.repaired_fraction > 0, softness=softness, shift=shift, offset=offset
-        )
-        return RepairedMap(
-            disparity=accepted.disparity,
-            repaired=accepted.repaired_fraction > 0,
-            reason=reason,
-            plan=decisions,
-        )
+            down, right = (round(pixels / scale) for pixels in plan.offset)
+            placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
+            diagnosis = Diagnosis(noise=noise, softness=softness, placement=placement)
+        decides = mode == "auto" and plan is None
+        if decides and diagnosis.certainty < config.min_certainty:
+            return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
+        proposal = start
+        blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
+        for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
+            share = _BASE_PROGRESS / len(diagnosis.candidates)
 
-    def _estimate_placement(
+            def report(done: int, total: int, first: float = number * share, share: float = share) -> None:
+                progress(round(1000 * (first + share * done / total)), 1000)
+
+            proposed = self._propose(colors, start, small if is_soft else None, placement, report)
+            accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
+            proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
+            blocks |= accepted
+        if not is_soft and not blocks.any():
+            return _result(clean, 0.0, 0.0, diagnosis, scale)
+        near_edges = _edge_pixels(start)
+        misplaced = changed_pixels(small, proposal)[near_edges].sum() / max(near_edges.sum(), 1)
+        if scale > 1:
+            self._network.release_memory()
+        levels = len(maps) - 1
+        for level in range(levels - 1, -1, -1):
+            done = _BASE_PROGRESS + (1 - _BASE_PROGRESS) * 4.0 ** (-level - 1)
+            progress(round(1000 * done), 1000)
+            change = proposal - maps[level + 1]
+            allowed = None if is_soft else _enlarged(blocks, maps[level].shape)
+            proposal = enlarge_changes(
+                pictures[level].transpose(1, 2, 0), maps[level], proposal, change, allowed, sharpen=is_soft
+            )
+        progress(1000, 1000)
+        reason = "" if decides else "asked for" if plan is None else "as most of the shot"
+        accepted_fraction = 1.0 if is_soft else float(blocks.mean())
+        return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
+
+    def _propose(
         self,
         image: np.ndarray,
-        disparity: np.ndarray,
-        span: float,
-        workload: "_Workload",
-        max_translations: int = _MAX_TRANSLATIONS,
-    ) -> _Placement:
-        """Estimate translation and edge bias of a map, and repair it with them.
-
-        Args:
-            image: Picture at the smallest size of the pyramid, scene-linear, (3, H, W).
-            disparity: Map of the same size, (H, W), any unit.
-            span: Range of the whole map, in its unit.
-            workload: Receiver of the progress.
-            max_translations: Maximum number of translations. The estimate of the edge bias improves as the
-                map approaches the correct translation.
-        """
-        repaired, total_votes = self._run_tiles(image, disparity, span, workload, 0)
-        padded = pad_to_multiple(disparity, BLOCK_PX)
-        busy = block_ranges(padded) > MIN_EDGE_HEIGHT * span
-
-        def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
-            window_votes: np.ndarray = self._run_network(image[:, *window], moved, span)[1][0]
-            return window_votes
-
-        shift = 0 if is_unbiased(total_votes) else find_edge_bias(padded, busy, votes)
-        edges = find_depth_edges(disparity)
-        if max_translations > 0:
-            offset = accepted_offset(image, edges, find_map_offset(padded, shift, busy, votes))
-            if offset != (0, 0):
-                moved = self._estimate_placement(
-                    image, translate_map(disparity, offset), span, workload, max_translations - 1
-                )
-                return moved._replace(offset=(offset[0] + moved.offset[0], offset[1] + moved.offset[1]))
-        placement = _Placement(repaired=repaired)
-        if shift == 0:
-            return placement
-        # If the edge profile supports only a part of the shift, try that part.
-        for _ in range(2):
-            shifted = self._shift(image, disparity, span, workload, repaired, shift)
-            proposed, shifted_blocks = shift, shifted.shifted_blocks
-            shift = accepted_shift(
-                edge_profile(image, edges if shifted_blocks is None else edges.within(shifted_blocks)),
-                proposed,
-            )
-            if shift in {0, proposed}:
-                break
-        return placement if shift == 0 else shifted
-
-    def _shift(
-        self,
-        image: np.ndarray,
-        disparity: np.ndarray,
-        span: float,
-        workload: "_Workload",
-        repaired: np.ndarray,
-        shift: int,
-    ) -> _Placement:
-        """Return the placement with a shift, in the blocks where it leaves fewer edges out of place.
-
-        Args:
-            image: Picture, scene-linear, (3, H, W).
-            disparity: Map of the same size, (H, W), any unit.
-            span: Range of the whole map, in its unit.
-            workload: Receiver of the progress.
-            repaired: Map repaired without the shift, (H, W).
-            shift: Pixels by which foreground regions grow, negative to shrink.
-        """
-        shifted = shift_edges(disparity, shift)
-        repaired_shifted, _ = self._run_tiles(image, shifted, span, workload, 0)
-        misplaced_unshifted, misplaced_shifted = (
-            misplaced_fractions(*count_misplaced(*maps, MIN_EDGE_HEIGHT * span))
-            for maps in ((disparity, repaired), (shifted, repaired_shifted))
-        )
-        shifted_blocks = misplaced_shifted < _MAX_MISPLACED_RATIO * misplaced_unshifted
-        if shifted_blocks.all():
-            return _Placement(shift=shift, repaired=repaired_shifted)
-        return _Placement(shift=shift, shifted_blocks=shifted_blocks)
-
-    def _run_network(
-        self, image: np.ndarray, disparity: np.ndarray, span: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Run the network on a window; return the repaired disparity (H, W) and the votes (1, 4).
-
-        Args:
-            image: Picture, scene-linear, (3, H, W) or up to a block less.
-            disparity: Map with sides that are multiples of 8, (H, W).
-            span: Range of the whole map, in its unit.
-        """
-        # The picture may end inside the last block of the map.
-        inputs = pad_to_multiple(image[None], BLOCK_PX), disparity[None, None]
-        repaired, votes = self._network(*inputs, np.full((1, 1, 1, 1), span, np.float32))
-        return repaired[0, 0], votes
-
-    def _release_memory(self) -> None:
-        """Return the memory of the network to the system, unless the process keeps freed memory."""
-        if keeps_freed_memory():
-            return
-        block = np.zeros((1, 3, BLOCK_PX, BLOCK_PX), np.float32)
-        self._network(block, block[:, :1], np.ones((1, 1, 1, 1), np.float32), release=True)
-        release_freed_memory()
-
-    def _repair(
-        self,
-        sizes: list[np.ndarray],
-        maps: list[np.ndarray],
-        span: float,
-        workload: "_Workload",
-        smallest: np.ndarray | None,
-        soft: SoftMap | None,
-        *,
-        ramps: bool,
+        start: np.ndarray,
+        soft: np.ndarray | None,
+        placement: Placement,
+        progress: Progress,
     ) -> np.ndarray:
-        """Repair a map at this and, recursively, at all smaller sizes of the pyramid.
+        """Return the map that the stages propose, (H, W).
 
         Args:
-            sizes: Pyramid of the picture, (3, H, W) each, the largest first.
-            maps: List of one map, (H, W). The function empties both lists to free memory early.
-            span: Range of the whole map, in its unit.
-            workload: Receiver of the progress.
-            smallest: Repaired map at the smallest size, (H, W); None if unknown.
-            soft: Input map with soft edges; None for sharp maps.
-            ramps: True if wide ramps may remain anywhere in the map.
+            image: Picture at the smallest size, scene-linear, (3, H, W).
+            start: Map with sharp edges, (H, W).
+            soft: The same map with its soft edges; None for sharp maps.
+            placement: Offset and growth of the map.
+            progress: Callback of the network.
         """
-        image, disparity, sizes_below = sizes.pop(0), maps.pop(), len(sizes)
-        height, width = disparity.shape
-        exceeds_network_size = max(height, width) > _NETWORK_SIDE_PX
-        repaired = None if sizes else smallest
-        if sizes:
-            small_map = half_map(disparity)
-            half_soft = soft.half() if soft is not None and exceeds_network_size else None
-            repaired_small = self._repair(
-                sizes, [small_map], span, workload, smallest, half_soft, ramps=ramps
-            )
-            change = repaired_small - small_map
-            del small_map
-            disparity = _upsample_changes(
-                disparity, repaired_small, change, MIN_EDGE_HEIGHT * span, sharpen_all=ramps
-            )
-            del repaired_small, change
-            if exceeds_network_size:
-                aligned = align_edges(image.transpose(1, 2, 0), disparity, MIN_EDGE_HEIGHT * span)
-                workload.report(sizes_below, 1)
-                return aligned
-        if repaired is None:
-            repaired, _ = self._run_tiles(image, disparity, span, workload, sizes_below)
-        if sizes_below == workload.network_sizes_below and workload.is_large:
-            self._release_memory()
-        colors = image.transpose(1, 2, 0)
+        stages, span = self._config.stages, float(np.ptp(start))
+        colors, repaired = image.transpose(1, 2, 0), placement.apply(start)
+        if "network" in stages:
+            repaired = self._network(image, repaired, span, progress)
         if soft is not None:
-            repaired = soft.snap(colors, repaired, span)
-        return restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span, spread=soft is None)
+            repaired = self._restore_soft_edges(colors, soft, repaired, placement, span)
+        if "thin" in stages:
+            without = repaired
+            repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
+            # Traced lines have rough borders, and the network leaves haze around pieces of lines.
+            lines = repaired != without
+            hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
+            repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
+        return repaired
 
-    def _run_tiles(
-        self, image: np.ndarray, disparity: np.ndarray, span: float, workload: "_Workload", sizes_below: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Run the network in all tiles that contain depth edges.
+    def _restore_soft_edges(
+        self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
+    ) -> np.ndarray:
+        """Return the repaired map with blurred detail and with its soft edges at colour edges, (H, W).
 
-        Args:
-            image: Picture, scene-linear, (3, H, W).
-            disparity: Map, (H, W), any unit.
-            span: Range of the whole map, in its unit.
-            workload: Receiver of the progress.
-            sizes_below: Number of smaller sizes in the pyramid.
-
-        Returns:
-            Repaired map, (H, W), and sum of the votes, (4,).
+        A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
+        input is better if only blur makes thin structures seem larger.
         """
-        height, width = disparity.shape
-        disparity = pad_to_multiple(disparity, BLOCK_PX)
-        result, votes = disparity.copy(), np.zeros(4)
-        tiles = [*repair_tiles(block_ranges(disparity) > MIN_EDGE_HEIGHT * span, MAX_TILE_PIXELS)]
-        for done, tile in enumerate(tiles):
-            workload.report(sizes_below, done / len(tiles))
-            rows, columns = tile
-            top, left = max(0, rows.start - HALO_PX), max(0, columns.start - HALO_PX)
-            window = (slice(top, rows.stop + HALO_PX), slice(left, columns.stop + HALO_PX))
-            repaired, tile_votes = self._run_network(image[:, *window], disparity[window], span)
-            votes += tile_votes[0]
-            result[tile] = repaired[
-                rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-            ]
-        workload.report(sizes_below, 1)
-        return np.ascontiguousarray(crop_to(result, height, width)), votes
+        stages, min_height = self._config.stages, MIN_EDGE_HEIGHT * span
+        versions = []
+        for growth in sorted({0, placement.growth}, key=abs):
+            placed = replace(placement, growth=growth).apply(soft)
+            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
+            blur, values = estimate_blur(placed, repaired, mask), repaired
+            if "deblur" in stages and blur.sigma:
+                values = restore_blurred_detail(image, placed, repaired, blur.sigma)
+                blur = estimate_blur(placed, values, mask)
+            versions.append((blur.residual, mask, values))
+        best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
+        return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
 
 
-def _in_words(offset: tuple[int, int]) -> str:
-    """Return a translation (down, right), pixels, in words."""
-    down, right = offset
-    along = f"{abs(right)} px to the {'right' if right > 0 else 'left'}" if right else ""
-    across = f"{abs(down)} px {'down' if down > 0 else 'up'}" if down else ""
-    return " and ".join(filter(None, (along, across)))
+def _edge_pixels(disparity: np.ndarray) -> np.ndarray:
+    """Return the pixels within 4 pixels of a depth edge, (H, W) bool."""
+    low, high = local_extremes(disparity, BLOCK_PX // 2)
+    return high - low > MIN_EDGE_HEIGHT * float(np.ptp(disparity))
 
 
-def _profiles_of_change(
-    image: np.ndarray, disparity: np.ndarray, repaired: np.ndarray, min_height: float
-) -> tuple[EdgeProfile, EdgeProfile]:
-    """Return the edge profiles of a map and of its repair, in the blocks that the repair changes.
-
-    Args:
-        image: Picture, scene-linear, (3, H, W).
-        disparity: Map before the repair, (H, W).
-        repaired: Map after the repair, (H, W).
-        min_height: Minimum height of a depth edge, in the unit of the map.
-    """
-    changed = local_extremes(count_misplaced(disparity, repaired, min_height)[1] > 0, 1)[1]
-    before, after = (edge_profile(image, find_depth_edges(x).within(changed)) for x in (disparity, repaired))
-    return before, after
+def _enlarged(blocks: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a mask of blocks as pixels of a map whose shape the blocks divide evenly."""
+    rows, columns = (np.arange(side) * count // side for side, count in zip(shape, blocks.shape, strict=True))
+    return blocks[rows[:, None], columns]
 
 
-def _halved_repeatedly(disparity: np.ndarray, scale: int) -> np.ndarray:
-    """Return the map (H, W) after halving its size some times."""
-    for _ in range(scale):
-        disparity = half_map(disparity)
-    return disparity
-
-
-def _shift_blocks(disparity: np.ndarray, shift: int, shifted_blocks: np.ndarray | None) -> np.ndarray:
-    """Return the map with foreground regions grown in some blocks.
-
-    Args:
-        disparity: Map, (H, W), any unit.
-        shift: Pixels by which foreground regions grow, negative to shrink.
-        shifted_blocks: Blocks in which they grow, bool; they divide the map evenly. ``None`` for the whole
-            map.
-    """
-    shifted = shift_edges(disparity, shift)
-    if shift == 0 or shifted_blocks is None:
-        return shifted
-    rows, columns = (
-        np.arange(side) * blocks // side
-        for side, blocks in zip(disparity.shape, shifted_blocks.shape, strict=True)
-    )
-    return np.where(shifted_blocks[rows[:, None], columns], shifted, disparity)
-
-
-def _upsample_changes(
+def _result(
     disparity: np.ndarray,
-    repaired_small: np.ndarray,
-    change: np.ndarray,
-    min_height: float,
-    *,
-    sharpen_all: bool,
-) -> np.ndarray:
-    """Return the map with the changes of the repair at half the size, and with sharp edges there.
+    accepted_fraction: float,
+    misplaced: float,
+    diagnosis: Diagnosis,
+    scale: int,
+    reason: str = "",
+) -> RepairedMap:
+    """Return the result with its plan and, unless given, its reason.
 
     Args:
         disparity: Map, (H, W).
-        repaired_small: Repaired map at half the size, (H / 2, W / 2), rounded up.
-        change: Change by the repair at half the size, of the same shape.
-        min_height: Minimum change that is copied, in the unit of the map.
-        sharpen_all: True to sharpen edges that did not move, too. This degrades accurately placed thin
-            structures in front of others.
+        accepted_fraction: Fraction of the picture in which the repair was accepted, 0 to 1.
+        misplaced: Fraction of the pixels near edges that changed, 0 to 1.
+        diagnosis: Errors of the map at the smallest size.
+        scale: Ratio of the full and the smallest size.
+        reason: Reason; empty to describe errors and corrections.
     """
-    moved_at = np.zeros(disparity.shape, np.bool_)
+    placement = diagnosis.placement
+    down, right = placement.offset
+    plan = RepairPlan(
+        repaired=accepted_fraction > 0,
+        softness=diagnosis.softness,
+        shift=scale * placement.growth,
+        offset=(scale * down, scale * right),
+        noise=diagnosis.noise,
+    )
+    noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
+    return RepairedMap(
+        disparity=disparity.copy(),
+        repaired=plan.repaired,
+        reason="; ".join(filter(None, [reason or _in_words(plan, accepted_fraction, misplaced), noise])),
+        plan=plan,
+        diagnosis=diagnosis,
+    )
 
-    def make(rows: slice) -> np.ndarray:
-        top = max(0, rows.start // 2 - 1)
-        window = slice(top, -(-rows.stop // 2) + 1)
-        inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
-        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (repaired_small, change))
-        moved_at[rows] = np.abs(moved) > min_height
-        return np.where(moved_at[rows], coarse, disparity[rows])
 
-    joined = make_in_row_blocks(make, disparity.shape, np.float32)
-    if not moved_at.any():
-        return joined
-    # Changed pixels come from the smaller map, whose edges are soft at this size.
-    sharp = repair_soft_edges(joined)
-    if not sharpen_all:
-        np.copyto(sharp, joined, where=~local_extremes(moved_at, SHARPENING_HALO_PX)[1])
-    return sharp
+def _in_words(plan: RepairPlan, accepted_fraction: float, misplaced: float) -> str:
+    """Return the errors of a map and their correction, as a photographer would say it."""
+    down, right = plan.offset
+    errors = []
+    if plan.repaired:
+        if plan.shift:
+            width = "narrow" if plan.shift > 0 else "wide"
+            errors.append(f"near things were {abs(plan.shift)} px too {width}")
+        if right:
+            errors.append(f"the map lay {abs(right)} px too far {'left' if right > 0 else 'right'}")
+        if down:
+            errors.append(f"the map lay {abs(down)} px too {'high' if down > 0 else 'low'}")
+        if not errors:
+            errors.append(f"{max(1, round(100 * misplaced))} % of the edges were out of place")
+        where = "" if accepted_fraction > _WHOLE_FRACTION else f" in {100 * accepted_fraction:.0f} % of it"
+        errors.append(f"corrected{where}")
+    else:
+        errors.append("no edge is clearly out of place")
+    return "; ".join(errors)

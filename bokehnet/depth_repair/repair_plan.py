@@ -15,14 +15,15 @@ class RepairPlan:
         softness: Fraction of soft edges, 0 to 1.
         shift: Edge bias: pixels by which foreground regions grow everywhere, negative to shrink.
         offset: Translation of the map down and to the right, pixels.
-        noise: Standard deviation of the noise, as a fraction of the range of the map.
+        noise: Standard deviation of the noise, as a fraction of the range of the map; None if each map of the
+            shot has its own.
     """
 
     repaired: bool
     softness: float
     shift: int
     offset: tuple[int, int] = (0, 0)
-    noise: float = 0.0
+    noise: float | None = 0.0
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
@@ -39,5 +40,5 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
         softness=sorted(plan.softness for plan in plans)[middle],
         shift=sorted(plan.shift for plan in plans)[middle],
         offset=(down, right),
-        noise=sorted(plan.noise for plan in plans)[middle],
+        noise=sorted(plan.noise or 0.0 for plan in plans)[middle],
     )

@@ -3,9 +3,8 @@
 A room of its own because it processes whole pictures; :mod:`bokehnet.optics` has the formulas.
 """
 
-from typing import Any
-
 from bokehnet.arrays.viewport import Viewport
+from bokehnet.deprecation import earlier_class
 from bokehnet.effects.camera import CameraEffects
 from bokehnet.effects.warp import Warp
 from bokehnet.optics.aberrations.distortion import BrownConrady, DivisionModel
@@ -14,8 +13,4 @@ from bokehnet.optics.vignette import Vignette
 
 __all__ = ["BrownConrady", "CameraEffects", "DivisionModel", "Grain", "Viewport", "Vignette", "Warp"]
 
-
-def __getattr__(name: str) -> Any:
-    if name == "View":  # its name in version 0.1
-        return Viewport
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = earlier_class(__name__, globals())

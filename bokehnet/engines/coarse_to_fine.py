@@ -54,7 +54,7 @@ class CorrectedRows:
 
 
 @njit(cache=True, parallel=True)
-def _double_at(values, rows, columns):  # type: ignore[no-untyped-def]
+def _double_at(values, rows, columns):
     """Return the bilinear doubling of (h, w, C) at some pixels only, (N, C)."""
     height, width, channels = values.shape
     result = np.empty((rows.size, channels), np.float32)

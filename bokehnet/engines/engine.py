@@ -13,7 +13,7 @@ from bokehnet.arrays.row_blocks import cut_row_blocks, in_row_blocks
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_same_size
-from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
+from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.engine_registry import ENGINES
@@ -75,6 +75,16 @@ def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> 
     if known is None or not len(known.rows):
         return radius
     return max(radius, float(known.near.max()), -float(known.far.min()))
+
+
+def _within_radius_limit(defocus: np.ndarray, options: RenderOptions) -> tuple[np.ndarray, RenderOptions]:
+    """Return defocus and options with blur radii of at most ``MAX_RADIUS_IN_SIDES`` longer sides."""
+    limit = MAX_RADIUS_IN_SIDES * max(defocus.shape)
+    if _max_coc_radius(defocus, options.known) <= limit:
+        return defocus, options
+    if options.known is not None:
+        options = replace(options, known=options.known.with_radius_limit(limit))
+    return np.clip(defocus, -limit, limit), options
 
 
 def ray_reach(lens_response: LensResponse, viewport: Viewport, max_coc_radius: int) -> int:
@@ -247,6 +257,7 @@ class Engine:
         options = options or RenderOptions()
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         self._check_options(options, image, defocus)
+        defocus, options = _within_radius_limit(defocus, options)
         image, lens = _prepare_light(image, defocus, options)
         memory_in_use = options.memory_in_use
         if options.overwrite and defocus.flags.writeable and self._reads_defocus_again:

@@ -1,6 +1,5 @@
 """Options of a render of arrays: optics, tone, known surfaces and memory in one object."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import wraps
@@ -10,6 +9,7 @@ from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_kind, check_number
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.deprecation import EARLIER_NAMES, warn_deprecated
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
@@ -19,9 +19,6 @@ __all__ = ["RenderOptions", "accepts_option_keywords", "split_option_keywords"]
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
-
-# Names of version 0.1 of fields that were renamed.
-_OLD_NAMES = {"memory_taken": "memory_in_use", "place": "viewport", "rays_share": "rays_factor"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,7 +92,7 @@ def split_option_keywords(keywords: dict[str, Any]) -> tuple[dict[str, Any], dic
         >>> split_option_keywords({"memory_taken": 5, "blur": 3})
         ({'memory_in_use': 5}, {'blur': 3})
     """
-    present = {_OLD_NAMES.get(name, name): value for name, value in keywords.items()}
+    present = {EARLIER_NAMES["RenderOptions"].get(name, name): value for name, value in keywords.items()}
     names = {field.name for field in fields(RenderOptions)}
     options = {name: value for name, value in present.items() if name in names}
     return options, {name: value for name, value in present.items() if name not in names}
@@ -110,7 +107,7 @@ def accepts_option_keywords(render: Callable[Parameters, Result]) -> Callable[Pa
         if fields_given:
             names = ", ".join(f"{name}=..." for name in fields_given)
             message = f"pass options=RenderOptions({names}) instead of keywords; version 0.3 removes them"
-            warnings.warn(message, DeprecationWarning, stacklevel=2)
+            warn_deprecated(message)
             others["options"] = replace(others.get("options") or RenderOptions(), **fields_given)
         return render(*args, **others)  # type: ignore[arg-type]  # the keywords of `render`, with options
 

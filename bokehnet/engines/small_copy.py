@@ -13,7 +13,7 @@ __all__ = ["SmallCopy"]
 
 
 @njit(cache=True, parallel=True)
-def _shrink(array, factor, top, bottom, result):  # type: ignore[no-untyped-def]
+def _shrink(array, factor, top, bottom, result):
     """Fill means of blocks of (H, W, C); the last row and column repeat as necessary."""
     height, width, channels = array.shape
     for row in prange(top, bottom):

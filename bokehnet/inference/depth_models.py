@@ -7,7 +7,7 @@ from typing import Any
 
 from bokehnet.errors import ModelFileError
 
-__all__ = ["PINS", "DepthModel", "depth_model_names", "find_depth_model"]
+__all__ = ["PINS", "DepthModel", "depth_model_names", "find_depth_model", "recommended_model"]
 
 _TABLE = Path(__file__).with_name("depth_models.toml")
 PINS = Path(__file__).with_name("depth_model_pins.toml")
@@ -26,9 +26,10 @@ class DepthModel:
         convention: Name of its input and output format.
         size: Size of the download, as text.
         unpublished: Reason why there is no download; empty if there is one.
-        revision: Commit of the repository; empty until pinned.
+        revision: Commit of the repository; "main" if only the hash is pinned, empty until pinned.
         sha256: SHA-256 of the file, hexadecimal; empty until pinned.
         bytes: Size of the file in bytes.
+        attested: Origin of revision and hash, in words.
     """
 
     name: str
@@ -42,6 +43,7 @@ class DepthModel:
     revision: str = ""
     sha256: str = ""
     bytes: int = 0
+    attested: str = ""
 
     @property
     def refusal(self) -> str:
@@ -84,6 +86,17 @@ def find_depth_model(name: str | Path) -> DepthModel | None:
     if entry is None:
         return None
     return DepthModel(name=str(name), **entry, **_read(PINS).get(str(name), {}))
+
+
+def recommended_model() -> DepthModel | None:
+    """Return the network to propose for a photo without depth: the first that can be downloaded.
+
+    Examples:
+        >>> recommended_model().name, recommended_model().licence
+        ('depth-anything-v2-small', 'apache-2.0')
+    """
+    models = (find_depth_model(name) for name in depth_model_names())
+    return next((model for model in models if model is not None and not model.refusal), None)
 
 
 def _table() -> dict[str, dict[str, Any]]:

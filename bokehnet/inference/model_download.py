@@ -8,19 +8,105 @@ import hashlib
 import logging
 import os
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ModelFileError
+from bokehnet.errors import ModelFileError, RenderCancelled
 from bokehnet.inference.depth_models import DepthModel
+from bokehnet.progress import Progress
 
-__all__ = ["ALLOW", "cached_file", "consent_text", "download", "downloads_allowed", "model_file"]
+__all__ = [
+    "ALLOW",
+    "DownloadOffer",
+    "cached_file",
+    "consent_text",
+    "download",
+    "download_offer",
+    "downloads_allowed",
+    "fetch_model",
+    "model_file",
+]
 
 # Environment variable that allows downloads in advance, for scripts and servers.
 ALLOW = "BOKEHNET_DOWNLOADS"
 
 _BLOCK_BYTES = 2**20
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DownloadOffer:
+    """Everything that a user must know before agreeing to a download.
+
+    Attributes:
+        name: Name of the network.
+        about: Description of its output, one line.
+        bytes: Size of the download, bytes.
+        size: Size of the download, as text.
+        licence: Licence, as spelled by the hub.
+        source: Address of the repository.
+        folder: Folder that will hold the file.
+        text: All of it in one sentence or two.
+    """
+
+    name: str
+    about: str
+    bytes: int
+    size: str
+    licence: str
+    source: str
+    folder: str
+    text: str
+
+
+def download_offer(model: DepthModel) -> DownloadOffer:
+    """Return what a user must know before agreeing to the download of a network.
+
+    Raises:
+        ModelFileError: The network cannot be downloaded.
+        MissingExtraError: ``huggingface_hub`` is not installed.
+    """
+    model.check_available()
+    _load_hub()
+    return DownloadOffer(
+        name=model.name,
+        about=model.about,
+        bytes=model.bytes,
+        size=model.size,
+        licence=model.licence,
+        source=f"{_endpoint()}/{model.repository}",
+        folder=_folder(),
+        text=consent_text(model),
+    )
+
+
+def fetch_model(
+    model: DepthModel, agree: Callable[[DownloadOffer], bool], progress: Progress | None = None
+) -> Path:
+    """Return the verified file of a network; download it if the user agrees.
+
+    Nothing is sent or stored before ``agree`` returns True. The environment variable ``BOKEHNET_DOWNLOADS``
+    agrees in advance.
+
+    Args:
+        model: Network.
+        agree: Function that shows an offer and returns the answer; not called if the file is there.
+        progress: Called with (bytes done, total bytes); may raise ``RenderCancelled``.
+
+    Raises:
+        ModelFileError: The user has not agreed, or as :func:`download`.
+        MissingExtraError: ``huggingface_hub`` is not installed.
+    """
+    file = cached_file(model)
+    if file is not None:
+        return file
+    offer = download_offer(model)
+    if not (downloads_allowed() or agree(offer)):
+        raise ModelFileError(f"{model.name}: download declined; any ONNX file can be used instead")
+    return download(model, progress)
 
 
 def downloads_allowed() -> bool:
@@ -72,8 +158,12 @@ def cached_file(model: DepthModel) -> Path | None:
     return _checked(model, Path(cached))
 
 
-def download(model: DepthModel) -> Path:
+def download(model: DepthModel, progress: Progress | None = None) -> Path:
     """Download a network into the cache; the file appears complete or not at all.
+
+    Args:
+        model: Network.
+        progress: Called with (bytes done, total bytes) in place of a progress bar.
 
     Raises:
         ModelFileError: The hub is unreachable, has no such file, or sent a file with another hash.
@@ -90,7 +180,10 @@ def download(model: DepthModel) -> Path:
             "unset it, or copy that folder from a machine that has it"
         )
     try:
-        downloaded = hf_hub_download(model.repository, model.file, revision=model.revision)
+        bar = None if progress is None else _reporting_bar(progress, model.bytes)
+        downloaded = hf_hub_download(model.repository, model.file, revision=model.revision, tqdm_class=bar)
+    except RenderCancelled:
+        raise
     except errors.GatedRepoError as error:
         raise ModelFileError(
             f"{model.name}: {_endpoint()} requires an account that has accepted the licence of "
@@ -108,6 +201,22 @@ def download(model: DepthModel) -> Path:
             "set HF_ENDPOINT for a mirror; the next attempt resumes the download"
         ) from error
     return _checked(model, Path(downloaded))
+
+
+def _reporting_bar(progress: Progress, total: int) -> type:
+    """Return a progress bar without display that reports to a callback; ``total`` in bytes."""
+    from tqdm import tqdm
+
+    class Bar(tqdm):  # type: ignore[type-arg]
+        def __init__(self, *_: Any, initial: float = 0, **__: Any) -> None:
+            super().__init__(disable=True)
+            self.done = initial
+
+        def update(self, n: float | None = 1) -> None:
+            self.done += n or 0
+            progress(int(self.done), max(total, int(self.done)))
+
+    return Bar
 
 
 def _load_hub() -> None:

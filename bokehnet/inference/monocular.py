@@ -8,7 +8,7 @@ import numpy as np
 
 from bokehnet.arrays.resample import resample
 from bokehnet.checks import check_image
-from bokehnet.errors import ModelFileError
+from bokehnet.errors import ModelFileError, errors_of_file
 from bokehnet.inference.depth_convention import DepthConvention
 from bokehnet.inference.point_maps import shift_of_points
 from bokehnet.onnx_session import OnnxSession
@@ -18,15 +18,21 @@ __all__ = ["DepthEstimator"]
 _TYPES: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 # Bounds of a fixed input size; outside them the network is misread, broken or hostile.
 _MIN_SIDE_PX, _MAX_INPUT_PX = 8, 2**26
+_MAX_SECONDS = 600.0  # of a run
 _MM = {"m": 1000.0, "mm": 1.0}
+
+# Operators whose number of steps the file sets, as the field op_type (number 4) of a node in ONNX's protocol
+# buffers: exports of depth networks have none, and a loop need not end.
+_LOOPS = {b'"\x04Loop': "Loop", b'"\x04Scan': "Scan"}
+_BLOCK_BYTES = 2**24
 _TOKENS = "num_tokens"  # additional input of networks that sets their resolution
 
 
 class DepthEstimator:
     """Estimator of disparity on the CPU.
 
-    The network is run unchecked: an untrusted file can use up time and memory, but ONNX Runtime executes no
-    code from it and, since version 1.24.1, reads no other files than weights in its folder.
+    An untrusted file can use up memory, and ten minutes, but ONNX Runtime executes no code from it and, since
+    version 1.24.1, reads no other files than weights in its folder. Networks with loops are refused.
 
     Args:
         model: ONNX file with one picture as its input, and the map as output according to the convention.
@@ -44,12 +50,14 @@ class DepthEstimator:
             actual = "a folder" if self._path.is_dir() else "no such file"
             raise ModelFileError(f"{model}: expected an ONNX file, found {actual}")
         options = {"intra_op_num_threads": threads, "log_severity_level": 4}  # errors come as exceptions
+        _check_operators(self._path)
         try:
             self._session = OnnxSession(str(self._path), options=options)
         except Exception as error:  # the runtime's exceptions have no common base
             raise ModelFileError(f"{model}: not a usable ONNX file: {_one_line(error)}") from error
-        self._name, self._dtype, self._fixed = self._check_input()
-        self._outputs = self._check_outputs()
+        with errors_of_file(model, "a depth network", ModelFileError):
+            self._name, self._dtype, self._fixed = self._check_input()
+            self._outputs = self._check_outputs()
 
     @property
     def metric(self) -> bool:
@@ -81,10 +89,13 @@ class DepthEstimator:
         if self._convention.tokens is not None:
             arrays[_TOKENS] = np.array(self._convention.tokens, np.int64)
         try:
-            results = dict(zip(self._outputs, self._session.run(arrays), strict=True))
+            results = dict(
+                zip(self._outputs, self._session.run(arrays, max_seconds=_MAX_SECONDS), strict=True)
+            )
         except Exception as error:
             raise ModelFileError(f"{self._path}: the network failed: {_one_line(error)}") from error
-        return resample(self._disparity(*self._map(results)), height, width)
+        with errors_of_file(self._path, "a depth network", ModelFileError):
+            return resample(self._disparity(*self._map(results)), height, width)
 
     def _check_input(self) -> tuple[str, type[np.floating], tuple[int | None, int | None]]:
         """Return name, type and fixed height and width of the input; raise unless it is a picture."""
@@ -181,6 +192,20 @@ class DepthEstimator:
         unit = _MM[convention.unit]
         disparity = values / unit if convention.output == "disparity" else 1 / (values * unit)
         return np.asarray(disparity, np.float32)
+
+
+def _check_operators(path: Path) -> None:
+    """Raise if a network contains loops."""
+    with path.open("rb") as file:
+        tail = b""
+        while block := file.read(_BLOCK_BYTES):
+            for mark, operator in _LOOPS.items():
+                if mark in tail + block:
+                    raise ModelFileError(
+                        f"{path}: expected a network without loops, found the operator {operator}; export it "
+                        "with a fixed number of steps"
+                    )
+            tail = block[-8:]
 
 
 def _one_line(error: Exception) -> str:

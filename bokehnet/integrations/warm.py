@@ -1,4 +1,4 @@
-"""Render server behind a pipe with a renderer that stays loaded: ``python -m bokehnet.integrations.warm``.
+"""Render server behind a pipe with a renderer that stays loaded: ``python -P -m bokehnet.integrations.warm``.
 
 Each line of stdin is a request, each line of stdout a response, all JSON objects in UTF-8::
 
@@ -167,6 +167,7 @@ def _error_table(error: BokehnetError) -> dict[str, str]:
 
 def main() -> None:
     """Answer requests from stdin on stdout, which no other code may write to."""
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes import no modules of the current folder
     responses = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     sys.stdout = sys.stderr

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.atomic import write_atomic
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.exr_splice import write_replaced
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.formats.encode import check_readable
 from bokehnet.io.formats.heif import is_heif, read_heif
+from bokehnet.io.formats.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
+from bokehnet.io.formats.store import SourceFile, store_picture
 from bokehnet.io.image import check_extra_channels, check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
 from bokehnet.io.metadata.photo_metadata import Metadata, read_metadata
 from bokehnet.io.metadata.rendered_by import renderer_of
-from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection_notes import selection_notes
-from bokehnet.io.store import SourceFile, store_picture
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, part_of
 
@@ -75,6 +75,12 @@ class Frame:
     _origin: _Origin | None = field(default=None, repr=False)
 
     @property
+    def is_display_referred(self) -> bool:
+        """True for a photograph in whole numbers whose white is 1, so that brighter light is clipped."""
+        curves = {curve.kind for curve in self.space.curves}
+        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg"))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Selections, unsupported profiles and content omitted from a result, one line each."""
         profile = f"{self.space.note} is not followed" if self.space.note else ""
@@ -122,7 +128,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
                 image=image,
                 alpha=alpha,
                 camera=camera,
-                window=Window.whole(width, height),
+                window=replace(Window.whole(width, height), pixel_aspect=picture.part.window.pixel_aspect),
                 space=space,
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
@@ -137,6 +143,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
+            space=space,
             renderer=renderer_of(attributes),
             path=file.path,
             choices=selection_notes(file, picture),
@@ -149,7 +156,7 @@ def without_origin(frame: Frame) -> Frame:
     return replace(frame, _origin=None)
 
 
-@renamed_keywords(beside="extra_channels", wanted="output_format")
+@renamed_keywords
 def write_frame(
     path: Path | str,
     frame: Frame,

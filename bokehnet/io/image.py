@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ParameterError
-from bokehnet.io.atomic import check_target
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace, convert
 from bokehnet.io.color.dither import quantise
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.containers.input_checks import check_name
+from bokehnet.io.files.atomic import check_target
+from bokehnet.io.files.buffers import Buffer, is_buffer, picture_file, write_to_stream
 from bokehnet.io.formats.encode import encode
 from bokehnet.io.formats.heif import is_heif, read_heif
-from bokehnet.io.metadata.photo_metadata import read_metadata
-from bokehnet.io.output_format import (
+from bokehnet.io.formats.output_format import (
     IMAGE_EXTENSIONS,
     Bits,
     OutputFormat,
@@ -26,9 +26,10 @@ from bokehnet.io.output_format import (
     check_extension,
     check_format,
 )
+from bokehnet.io.formats.store import SourceFile, store_picture
+from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.store import SourceFile, store_picture
 
 __all__ = [
     "IMAGE_EXTENSIONS",
@@ -43,21 +44,21 @@ __all__ = [
 MAP_EXTENSIONS = (".png", ".exr", ".pfm")
 
 
-def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray[np.float32]:
+def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -> NDArray[np.float32]:
     """Read a picture as scene-linear light, Rec.709 primaries; 1 is white, larger values are kept.
 
     Integers (JPEG, PNG, TIFF, WebP) are decoded through the colour profile, otherwise through the colour
     metadata of the file, otherwise from sRGB; colours outside Rec.709 have negative values. EXR, HDR, PFM and
     floating-point TIFF without a profile are linear already. EXIF orientation is applied. Grey becomes three
     equal channels. EXR provides its channels R, G, B, bare or under a layer name, otherwise Y; others are
-    ignored. The data window of an EXR is read, with overscan; its chromaticities are ignored.
+    ignored. The data window of an EXR is read, with overscan; its chromaticities are the primaries.
 
     Alpha is dropped by compositing over black, in linear light: straight colours (PNG, WebP) are
     multiplied by alpha, premultiplied ones (EXR) are the light itself and remain unchanged.
 
     Args:
         path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra
-            ``heif``.
+            ``heif``. Or bytes, or a binary stream, of such a file.
         like: Colour space that provides the primaries of the result.
 
     Returns:
@@ -68,6 +69,10 @@ def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray
             colour profile is unsupported.
         MissingExtraError: The file is HEIF, and pillow-heif is not installed.
     """
+    if is_buffer(path):
+        with picture_file(cast(Buffer, path)) as file_path:
+            return read_image(file_path, like=like)
+    path = cast("Path | str", path)
     if is_heif(path):
         heif = read_heif(path)
         image, space = heif.image, heif.space
@@ -80,11 +85,12 @@ def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray
     return convert(image, space, like, out=image)
 
 
-@renamed_keywords(beside="extra_channels")
+@renamed_keywords
 def write_image(
-    path: Path | str,
+    path: Path | str | BinaryIO,
     image: NDArray[Any],
     *,
+    format: str | None = None,
     alpha: NDArray[Any] | None = None,
     quality: int = 97,
     bits: Bits | None = None,
@@ -103,8 +109,9 @@ def write_image(
     EXR and PFM hold premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
 
     Args:
-        path: File to write, with one of ``IMAGE_EXTENSIONS``.
+        path: File to write, with one of ``IMAGE_EXTENSIONS``; or a binary stream, such as ``io.BytesIO``.
         image: Scene-linear Rec.709, (H, W, 3), finite; premultiplied if there is alpha.
+        format: Extension that selects the format of a stream, such as "png"; only for streams.
         alpha: Coverage, (H, W), 0 to 1, finite.
         quality: Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP at 100 is lossless.
         bits: Bits per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for
@@ -118,6 +125,20 @@ def write_image(
         ImageFileError: The extension is unknown, or the file cannot be written.
         ShapeError, ParameterError: The array or an option is not as described.
     """
+    if hasattr(path, "write"):
+        options: dict[str, Any] = {
+            "alpha": alpha,
+            "quality": quality,
+            "bits": bits,
+            "color_space": color_space,
+            "subsampling": subsampling,
+            "dither": dither,
+            "extra_channels": extra_channels,
+        }
+        write_to_stream(cast(BinaryIO, path), format, lambda file: write_image(file, image, **options))
+        return
+    if format is not None:
+        raise ParameterError("format", "nothing for a file, whose extension selects it", format)
     path = Path(path)
     check_writable(path)
     check_image("image", image)

@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.formats.heif import is_heif, read_heif
 from bokehnet.io.maps import depth_channels
+from bokehnet.io.metadata.gain_map import gain_map_kind
 from bokehnet.io.metadata.photo_metadata import read_metadata
+from bokehnet.io.phone_depth import read_phone_depth
 from bokehnet.io.pixels import ImageFile
 from bokehnet.progress import Progress
 
@@ -34,7 +37,9 @@ class ImageInfo:
     applied (1: none). ``color_space`` is ``"linear"``, or the space that decodes the file: ``"sRGB"``, or
     the name in its colour profile; it is empty if the profile is damaged or its kind is unsupported, and
     ``refusal`` gives the reason why such a file cannot be read as a picture. ``channels`` and ``ranges``
-    cover all parts; ``ranges`` holds depth-like channels only.
+    cover all parts; ``ranges`` holds depth-like channels only. ``depth_map`` and ``gain_map`` describe the
+    maps that phones store beside the picture; both are empty if there are none. ``pixel_aspect`` is width
+    over height of a displayed pixel.
     """
 
     width: int
@@ -47,28 +52,34 @@ class ImageInfo:
     orientation: int
     parts: int
     ranges: dict[str, ChannelRange]
+    depth_map: str = ""
+    gain_map: str = ""
+    pixel_aspect: float = 1.0
 
 
 def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
     """Describe an image file. All pixels are decoded, so damage anywhere in the file is detected.
 
     Args:
-        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
+        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra ``heif``.
         progress: Progress callback; the count restarts for each part and each group of channels.
 
     Raises:
         ImageFileError: The file cannot be read.
     """
+    if is_heif(path):
+        return _heif_info(Path(path))
     with ImageFile(path, progress) as file:
         ranges: dict[str, ChannelRange] = {}
         for part in file.parts:
-            depth_names = depth_channels(part.channels)
+            depth_names, own = depth_channels(part.channels), dict[str, ChannelRange]()
             for start in range(0, len(part.channels), 4):  # in groups: all of an EXR may not fit in memory
                 names = part.channels[start : start + 4]
-                values = file.read(part, names)
-                ranges |= {
-                    name: _range(values[..., i]) for i, name in enumerate(names) if name in depth_names
-                }
+                for _, values in file.read_bands(part, names):
+                    for i, name in enumerate(names):
+                        if name in depth_names:
+                            own[name] = _wider(own.get(name), _range(values[..., i]))
+            ranges |= own
         first = file.parts[0]
         name, refusal = "", ""
         try:
@@ -88,7 +99,66 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             orientation=first.orientation,
             parts=len(file.parts),
             ranges=ranges,
+            depth_map=_depth_map(file.path) if file.file_format == "jpeg" else "",
+            gain_map=gain_map_kind(file.path) if file.file_format == "jpeg" else "",
+            pixel_aspect=first.window.pixel_aspect,
         )
+
+
+def _heif_info(path: Path) -> ImageInfo:
+    picture = read_heif(path)
+    height, width = picture.image.shape[:2]
+    return ImageInfo(
+        width=width,
+        height=height,
+        channels=("R", "G", "B"),
+        pixel_type=f"{picture.bits} bits",
+        file_format="heif",
+        color_space=picture.space.name,
+        refusal="",
+        orientation=1,
+        parts=1,
+        ranges={},
+        depth_map=_depth_map(path),
+        gain_map=gain_map_kind(path),
+    )
+
+
+def _depth_map(path: Path) -> str:
+    """Return a description of the depth map inside a photo; empty if there is none."""
+    try:
+        depth = read_phone_depth(path)
+    except ImageFileError as problem:
+        return f"damaged ({str(problem).removeprefix(f'{path}: ')})"
+    if depth is None:
+        return ""
+    height, width = depth.disparity.shape
+    unit = "relative"
+    if depth.metric:
+        near, far = float(depth.disparity.max()), float(depth.disparity.min())
+        unit = f"{_metres(near)} to {_metres(far)}"
+    focus = depth.focus_disparity
+    at = "no focus stored" if focus is None else "focus stored"
+    if depth.metric and focus is not None:
+        at = f"focus at {_metres(focus)}"
+    original = "" if depth.all_in_focus is None else ", with the picture before the portrait blur"
+    return f"{width} x {height} pixels, {unit}, {at}{original}"
+
+
+def _metres(disparity: float) -> str:
+    return "infinity" if disparity <= 0 else f"{1 / (1000 * disparity):.3g} m"
+
+
+def _wider(known: ChannelRange | None, band: ChannelRange) -> ChannelRange:
+    """Return the range of two bands of rows; the first one may be missing."""
+    if known is None:
+        return band
+    return ChannelRange(
+        lowest=float(np.fmin(known.lowest, band.lowest)),
+        highest=float(np.fmax(known.highest, band.highest)),
+        infinite=known.infinite + band.infinite,
+        nan=known.nan + band.nan,
+    )
 
 
 def _range(values: NDArray[np.float32]) -> ChannelRange:

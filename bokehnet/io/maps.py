@@ -1,6 +1,7 @@
 """Read maps with one value per pixel, such as disparity and depth."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.arrays.row_blocks import in_row_blocks
-from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
+from bokehnet.io.depth.false_colors import COLOR_MAPS, decode_colors, recognise_colors
+from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, read_numpy_map
+from bokehnet.io.depth.packed_depth import PACKED_CODINGS, unpack_depth
+from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
 from bokehnet.io.window import Window
@@ -17,12 +21,14 @@ from bokehnet.progress import Progress
 
 __all__ = [
     "DEPTH_UNITS",
+    "StoredMap",
     "depth_channels",
     "depth_to_mm",
     "picture_depth_channel",
     "read_depth",
     "read_disparity",
     "read_map",
+    "read_stored_map",
     "resize_map",
 ]
 
@@ -37,9 +43,43 @@ _LAYER_NAMES = (
 )  # under a layer, a bare z is less specific than depth.z
 _SMOOTH_STEP = 0.05  # fraction of the map's range: a larger difference of neighbours is a depth edge
 
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
-_PER_METRE = "1/m"
-DEPTH_UNITS = (*_MM, _PER_METRE)
+# Largest difference between the channels of a grey map, 8-bit levels: colour management and screenshots tint
+# grey by a few levels.
+_MAX_TINT_LEVELS = 8.0
+
+# Largest integer of each type.
+_LARGEST_INTEGER = {"uint8": 2**8 - 1, "uint16": 2**16 - 1, "uint": 2**32 - 1, "uint32": 2**32 - 1}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StoredMap:
+    """Map as stored in a file.
+
+    Attributes:
+        values: Integers scaled to [0, 1], floats unchanged, (H, W); NaN also for colours off their table.
+        largest_integer: Stored number of the value 1; None for floats, whose values are the stored numbers.
+        is_render: True for EXR files, as renderers write them.
+        assumptions: Assumptions about the coding, a few words each.
+        notes: Warnings, one line each.
+
+    Examples:
+        >>> half = StoredMap(values=np.full((1, 1), 0.5, np.float32), largest_integer=65535)
+        >>> half.numbers.tolist()
+        [[32768.0]]
+    """
+
+    values: NDArray[np.float32]
+    largest_integer: int | None = None
+    is_render: bool = False
+    assumptions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> NDArray[np.float32]:
+        """Stored numbers: counts of an integer file, otherwise ``values``."""
+        if self.largest_integer is None:
+            return self.values
+        return np.rint(self.values.astype(np.float64) * self.largest_integer).astype(np.float32)
 
 
 def read_map(
@@ -51,7 +91,8 @@ def read_map(
 ) -> NDArray[np.float32]:
     """Read one channel as stored: integers scaled to [0, 1] without sRGB decoding, floats unchanged.
 
-    EXIF orientation is applied and alpha ignored. A colour picture is accepted if its channels are equal.
+    EXIF orientation is applied and alpha ignored. A colour picture is accepted if its channels are equal
+    within 8 levels of 255, or if it uses one of the colour maps of ``bokehnet.io.depth.false_colors``.
 
     Args:
         path: Image file.
@@ -69,8 +110,55 @@ def read_map(
     Raises:
         ImageFileError: The file cannot be read, or the choice of the channel is ambiguous.
     """
+    return read_stored_map(path, channel, window=window, progress=progress).values
+
+
+def read_stored_map(
+    path: Path | str,
+    channel: str | None = None,
+    *,
+    coding: str = "auto",
+    window: Window | None = None,
+    progress: Progress | None = None,
+) -> StoredMap:
+    """Read a map with the facts of its file.
+
+    Args:
+        path: Image file, ``.npy`` or ``.npz``.
+        channel: See :func:`read_map`; of a ``.npz`` file, the name of the array.
+        coding: ``"auto"`` (grey, or colours of a colour map where they fit one), ``"grey"``, one of
+            ``COLOR_MAPS``, or one of ``PACKED_CODINGS``.
+        window: See :func:`read_map`.
+        progress: Progress callback.
+
+    Raises:
+        ImageFileError: As for :func:`read_map`, or the file does not have this coding.
+    """
+    path = Path(path)
+    if path.suffix.lower() in NUMPY_EXTENSIONS:
+        return _stored_array(read_numpy_map(path, channel))
     with ImageFile(path, progress) as file:
-        return _read(file, channel, window)[0]
+        stored, part = _read(file, channel, coding)
+        values = stored.values
+        is_exr = file.headers is not None
+        own = part.window if is_exr else Window.whole(values.shape[1], values.shape[0])
+        if window is not None and own.has_same_display_size(window):
+            values = own.fit_to(values, window)
+        largest = None if part.linear else _LARGEST_INTEGER.get(part.pixel_type)
+    return StoredMap(
+        values=values,
+        largest_integer=None if stored.is_decoded else largest,
+        is_render=is_exr,
+        assumptions=stored.assumptions,
+        notes=stored.notes,
+    )
+
+
+def _stored_array(values: NDArray[Any]) -> StoredMap:
+    """Return the map of a NumPy file: 8 and 16 bits are scaled like those of image files."""
+    largest = _LARGEST_INTEGER.get(values.dtype.name) if values.dtype.itemsize <= 2 else None
+    scaled = values.astype(np.float32) if largest is None else (values / np.float32(largest))
+    return StoredMap(values=np.ascontiguousarray(scaled, np.float32), largest_integer=largest)
 
 
 def read_disparity(
@@ -129,7 +217,8 @@ def read_depth(
     Args:
         path: EXR or another floating-point file.
         channel: See :func:`read_map`.
-        unit: Unit of the file, one of ``DEPTH_UNITS``; ``1/m`` is metric disparity with sky at 0.
+        unit: Unit of the file, one of ``DEPTH_UNITS``, optionally scaled; ``1/m`` is metric disparity with
+            sky at 0.
         window: See :func:`read_map`.
         progress: See :func:`read_map`.
 
@@ -141,15 +230,14 @@ def read_depth(
             (``1/m``: infinite or negative values).
         ParameterError: The unit is unknown.
     """
-    check_choice("unit", unit, DEPTH_UNITS)
-    with ImageFile(path, progress) as file:
-        values, part = _read(file, channel, window)
-    if not part.linear:
+    parse_depth_unit(unit)
+    stored = read_stored_map(path, channel, window=window, progress=progress)
+    if stored.largest_integer is not None:
         raise ImageFileError(
-            f"{path}: expected depth in {unit} as floating point, found {part.pixel_type}; "
-            "use an EXR file, or give the map as disparity"
+            f"{path}: expected depth in {unit} as floating point, found integers up to "
+            f"{stored.largest_integer}; use an EXR file"
         )
-    return depth_to_mm(values, unit, str(path))
+    return depth_to_mm(stored.values, unit, str(path))
 
 
 def depth_to_mm(values: NDArray[Any], unit: str = "m", name: str = "depth map") -> NDArray[np.float32]:
@@ -157,24 +245,24 @@ def depth_to_mm(values: NDArray[Any], unit: str = "m", name: str = "depth map") 
 
     Args:
         values: Depth or metric disparity, (H, W).
-        unit: Unit of ``values``, one of ``DEPTH_UNITS``.
+        unit: Unit of ``values``, one of ``DEPTH_UNITS``, optionally scaled.
         name: Name of the map in messages.
 
     Raises:
         ImageFileError: A value is NaN or not above 0 (``1/m``: infinite or below 0).
         ParameterError: The unit is unknown.
     """
-    check_choice("unit", unit, DEPTH_UNITS)
+    known = parse_depth_unit(unit)
     values = np.asarray(values, np.float32)
     way_out = "set sky to infinity and holes to the depth around them"
     with np.errstate(over="ignore", divide="ignore"):  # above 3.4e38 mm becomes infinite, which is sky too
-        if unit == _PER_METRE:
+        if known.is_disparity:
             way_out = "set sky to 0 and holes to the disparity around them"
             valid = (values >= 0) & np.isfinite(values)
             _check_all(name, values, valid, "metric disparity", "is not 0 or a finite number above", way_out)
-            return np.divide(_MM["m"], np.abs(values), dtype=np.float32)  # abs: sky may be -0
+            return np.divide(1000 / known.factor, np.abs(values), dtype=np.float32)  # abs: sky may be -0
         _check_all(name, values, values > 0, "depth", "is not above 0", way_out)
-        return values * np.float32(_MM[unit])
+        return values * np.float32(known.factor)
 
 
 def resize_map(values: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
@@ -264,21 +352,73 @@ def _is_vector(name: str, names: Sequence[str]) -> bool:
     return last in ("Y", "Z") and layer + dot + "X" in names
 
 
-def _read(file: ImageFile, channel: str | None, window: Window | None) -> tuple[NDArray[np.float32], Part]:
-    """Read the requested or the best channel, and return its part."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Decoded:
+    """Values of a part, (H, W), with the assumptions made; ``is_decoded`` if they are no longer counts."""
+
+    values: NDArray[np.float32]
+    is_decoded: bool = False
+    assumptions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def _read(file: ImageFile, channel: str | None, coding: str) -> tuple[_Decoded, Part]:
+    """Read the requested or the best channel, or the colours of a coding, and return the part."""
+    if coding in PACKED_CODINGS:
+        part = file.parts[0]
+        values = unpack_depth(file.read(part, part.channels), coding, str(file.path))
+        return _Decoded(values=values, is_decoded=True, assumptions=(f"packed as {coding}",)), part
     part, names = _find(file, channel)
     values = file.read(part, names)
-    if len(names) > 1 and not np.array_equal(
-        values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True
-    ):
+    if len(names) == 1:
+        if coding in COLOR_MAPS:
+            raise ImageFileError(
+                f"{file.path}: `depth.coding` {coding} needs colours, found {names[0]} alone"
+            )
+        return _Decoded(values=np.ascontiguousarray(values[..., 0])), part
+    if part.linear and coding == "auto":
+        coding = "equal"  # channels of floats that differ are no false colours
+    return _read_colors(file, values, names, coding), part
+
+
+def _read_colors(file: ImageFile, values: NDArray[np.float32], names: list[str], coding: str) -> _Decoded:
+    """Return the values of a map stored as R, G, B: equal, tinted, or of a colour map."""
+    if coding not in COLOR_MAPS:
+        if np.array_equal(values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True):
+            return _Decoded(values=np.ascontiguousarray(values[..., 0]))
+        tint = float(255 * np.ptp(values, axis=-1).max())
+        if coding == "grey" or (coding == "auto" and tint <= _MAX_TINT_LEVELS):
+            note = (
+                f"{file.path}: {', '.join(names)} differ by up to {tint:.3g} of 255 levels; using their mean"
+            )
+            return _Decoded(
+                values=values.mean(axis=-1), is_decoded=True, assumptions=("tinted grey",), notes=(note,)
+            )
+    name = recognise_colors(values) if coding == "auto" else coding
+    if name not in COLOR_MAPS:
         raise ImageFileError(
-            f"{file.path}: expected one channel, found a colour picture ({', '.join(names)} differ)"
+            f"{file.path}: expected one channel, found a colour picture ({', '.join(names)} differ) in none "
+            f"of the colour maps {', '.join(COLOR_MAPS)}; export the map in grey, or name its colour map or "
+            "packing with `depth.coding`"
         )
-    result = np.ascontiguousarray(values[..., 0])
-    own = part.window if file.headers is not None else Window.whole(result.shape[1], result.shape[0])
-    if window is not None and own.has_same_display_size(window):
-        result = own.fit_to(result, window)
-    return result, part
+    decoded = decode_colors(values, name)
+    known = _decoded_fraction(file, decoded, name)
+    note = (
+        f"{file.path}: colours decoded with the colour map {name}, its last colour as 1 (near); "
+        f"`depth.invert` reverses it, a grey map is more exact{known}"
+    )
+    return _Decoded(values=decoded, is_decoded=True, assumptions=(f"colours of {name}",), notes=(note,))
+
+
+def _decoded_fraction(file: ImageFile, decoded: NDArray[np.float32], name: str) -> str:
+    """Return words for the colours off a table; raise if they are the majority."""
+    missing = float(np.isnan(decoded).mean())
+    if missing > 0.5:
+        raise ImageFileError(
+            f"{file.path}: {100 * missing:.0f} % of its colours are not of the colour map {name}; name "
+            "another with `depth.coding`"
+        )
+    return f"; {100 * missing:.2g} % of the pixels have blended colours" if missing else ""
 
 
 def _find(file: ImageFile, channel: str | None) -> tuple[Part, list[str]]:

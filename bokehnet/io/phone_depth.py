@@ -22,7 +22,7 @@ from bokehnet.io.metadata.xmp import jpeg_xmp
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile, apply_orientation
 
-__all__ = ["PhoneDepth", "read_phone_depth"]
+__all__ = ["PhoneDepth", "has_phone_depth", "read_phone_depth"]
 
 _EXTENSIONS = {JPEG_START: ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
 _MAX_GREY_DIFFERENCE = 0.1  # largest difference of the channels of a grey pixel
@@ -75,17 +75,37 @@ def read_phone_depth(path: Path | str) -> PhoneDepth | None:
             return None
         values, coding = heif_depth
         return PhoneDepth(disparity=coding.decode(values), metric=coding.unit is not None)
+    found = _find_stored(Path(path))
+    return None if found is None else _decode(Path(path), *found)
+
+
+def has_phone_depth(path: Path | str) -> bool:
+    """Return whether a photo holds a depth map; decodes no pixels of a JPEG.
+
+    Args:
+        path: Photo.
+
+    Raises:
+        ImageFileError, MissingExtraError: As for :func:`read_phone_depth`.
+    """
+    if is_heif(path):
+        return read_heif_depth(path) is not None
+    return _find_stored(Path(path)) is not None
+
+
+def _find_stored(path: Path) -> tuple[StoredDepth, int, ColorSpace] | None:
+    """Return the encoded map of a JPEG file, its orientation and colour space; None without a map."""
     with ImageFile(path) as file:  # reports the error of a file that is no picture
         orientation = file.parts[0].orientation
         if file.file_format != "jpeg":
             return None
         exif = read_metadata(file.path, file.file_format).exif
         space = file_color_space(file, file.parts[0], exif)
-    data = Path(path).read_bytes()
+    data = path.read_bytes()
     layout = jpeg_layout(data)
     stored = google_depth(path, data, layout.end, jpeg_xmp(path, layout.app1))
     stored = stored or apple_depth(path, data, layout.end)
-    return None if stored is None else _decode(Path(path), stored, orientation, space)
+    return None if stored is None else (stored, orientation, space)
 
 
 def _decode(path: Path, stored: StoredDepth, orientation: int, space: ColorSpace) -> PhoneDepth:

@@ -110,19 +110,24 @@ def _read(
     light_rows = as_stored(image, part.orientation)
     kind = part.formats[part.channels.index(names[0])]
     by_lookup = kind in _LEVELS and not space.is_linear and not with_alpha and len(set(part.formats)) == 1
-    bad = 0
+    bad, first_bad = 0, ""
     for rows, values in file.read_bands(part, names, kind if by_lookup else "float"):
         if by_lookup:
             light_rows[rows] = _decode_integers(values, space, kind)
             continue
         light = _light(values[..., :colours], values[..., colours:], part, space)
-        bad += int((~np.isfinite(light).all(axis=-1) | ~np.isfinite(values).all(axis=-1)).sum())
+        faulty = ~np.isfinite(light).all(axis=-1) | ~np.isfinite(values).all(axis=-1)
+        if not bad and faulty.any():
+            row, column = (int(index) for index in np.argwhere(faulty)[0])
+            first_bad = f"row {rows.start + row}, column {column}"
+        bad += int(faulty.sum())
         light_rows[rows] = light
         if alpha is not None:
             as_stored(alpha, part.orientation)[rows] = values[..., colours:]
     if bad:
         raise ImageFileError(
-            f"{file.path}: {bad} pixels are NaN or infinite; replace them by finite values first"
+            f"{file.path}: {bad} pixels are NaN or infinite, first as stored at {first_bad}; replace them by "
+            "finite values first"
         )
     return image, None if alpha is None else alpha[..., 0]
 

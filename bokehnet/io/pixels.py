@@ -4,7 +4,7 @@ A file has one part, except for multi-part EXR. Formats are recognised by conten
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,11 +13,12 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
+import bokehnet.io.files.decoder_threads  # noqa: F401  # prepares forks
 from bokehnet.errors import ImageFileError
-from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
+from bokehnet.io.containers.input_checks import check_intact, check_pixel_count, check_value_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm
 from bokehnet.io.exr.deep import flatten
-from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
+from bokehnet.io.exr.deep_chunks import DeepSamples, largest_band, read_samples
 from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
@@ -38,7 +39,12 @@ _FLOAT_TYPES = ("half", "float", "double")
 
 _TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
 
-_BAND_ROWS = 256  # a multiple of the rows per chunk of any compression
+# Aspect ratios of pixels beyond this or its inverse are faults, and within the tolerance of 1 rounding.
+_MIN_PIXEL_ASPECT, _SQUARE_TOLERANCE = 0.25, 0.01
+
+# Rows per band, a multiple of the rows per chunk; fewer where rows are long, except with DWAB (256 rows).
+_DEEP_SAMPLE_BYTES = 60  # memory of a deep sample while it is read
+_BAND_ROWS, _MIN_BAND_ROWS, _BAND_BYTES = 256, 32, 2**27
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,10 +182,21 @@ class ImageFile:
 
     def bands(self, part: Part) -> Iterator[slice]:
         """Yield the rows of a part in groups that end at chunk boundaries, for sequential reading."""
-        tile = self.spec(part).tile_height
-        step = tile * max(1, _BAND_ROWS // tile) if tile else _BAND_ROWS
+        spec = self.spec(part)
+        tile, row_bytes = spec.tile_height, 4 * part.width * len(part.channels)
+        min_rows = _BAND_ROWS if spec.get_string_attribute("compression") == "dwab" else _MIN_BAND_ROWS
+        rows = min(_BAND_ROWS, max(min_rows, _BAND_BYTES // max(row_bytes, 1)))
+        step = tile * max(1, rows // tile) if tile else rows // min_rows * min_rows
         for first in range(0, part.height, step):
             yield slice(first, min(first + step, part.height))
+
+    def reading_bytes(self, part: Part) -> int:
+        """Return the approximate memory in bytes to decode a part band by band, without the result."""
+        rows = next(self.bands(part)).stop
+        size = 2 * 4 * rows * part.width * len(part.channels)
+        if part.deep and self.headers is not None:
+            size += _DEEP_SAMPLE_BYTES * largest_band(self.path, self.headers, part.index, rows)
+        return size
 
     def read_stored(self, part: Part, rows: slice) -> NDArray[np.float32]:
         """Return some rows of all channels of a part, (rows, W, C), as stored.
@@ -270,9 +287,12 @@ class ImageFile:
 
     def _describe(self) -> list[Part]:
         parts: list[Part] = []
+        count = 0
         while self._input.seek_subimage(len(parts), 0):
             spec = self._input.spec()
             check_pixel_count(self.path, spec.width, spec.height)
+            count += spec.width * spec.height * spec.nchannels
+            check_value_count(self.path, count)
             parts.append(self._part(len(parts), spec))
             if self.file_format != "openexr":  # further pages of a TIFF are other pictures or thumbnails
                 break
@@ -297,6 +317,7 @@ class ImageFile:
                 display_width=spec.full_width,
                 display_height=spec.full_height,
             )
+        window = replace(window, pixel_aspect=self._pixel_aspect(spec))
         return Part(
             index=index,
             name=spec.get_string_attribute("oiio:subimagename") if exr else "",
@@ -311,6 +332,21 @@ class ImageFile:
             window=window,
             deep=bool(spec.deep),
         )
+
+    def _pixel_aspect(self, spec: Any) -> float:
+        """Return width over height of a pixel by the header of EXR and TIFF; 1 if absent or implausible.
+
+        Source: OpenEXR, "Standard Attributes", pixelAspectRatio; TIFF 6.0, XResolution and YResolution.
+        """
+        aspect = 1.0
+        if self.file_format == "openexr":
+            aspect = float(spec.get_float_attribute("PixelAspectRatio", 1.0))
+        elif self.file_format == "tiff":
+            across, down = (float(spec.get_float_attribute(f"{axis}Resolution", 0.0)) for axis in "XY")
+            aspect = down / across if across > 0 and down > 0 else 1.0
+        if not _MIN_PIXEL_ASPECT <= aspect <= 1 / _MIN_PIXEL_ASPECT or abs(aspect - 1) < _SQUARE_TOLERANCE:
+            return 1.0
+        return 1 / aspect if spec.get_int_attribute("Orientation", 1) in _TRANSPOSED else aspect
 
 
 def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:

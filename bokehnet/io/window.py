@@ -22,6 +22,7 @@ class Window:
         height: Height of the data window, pixels.
         display_width: Width of the display window, pixels; corresponds to the width of a camera's sensor.
         display_height: Height of the display window, pixels.
+        pixel_aspect: Width over height of a pixel as displayed.
 
     Source: "OpenEXR File Layout" and "Technical Introduction to OpenEXR", openexr.com, Pixel Space.
     """
@@ -32,6 +33,7 @@ class Window:
     height: int
     display_width: int
     display_height: int
+    pixel_aspect: float = 1.0
 
     @classmethod
     def whole(cls, width: int, height: int) -> "Window":

@@ -11,10 +11,10 @@ from bokehnet.checks import Array, array_namespace, number_of
 from bokehnet.deprecation import earlier_name
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays
-from bokehnet.lenses.effective_pupil import EffectivePupil, find_effective_pupil
-from bokehnet.lenses.focus_shift import focus_shift
 from bokehnet.lenses.prescription_file import Prescription
-from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
+from bokehnet.lenses.pupils.effective_pupil import EffectivePupil, find_effective_pupil
+from bokehnet.lenses.pupils.focus_shift import focus_shift
+from bokehnet.lenses.pupils.paraxial_lens import ParaxialLens, paraxial_lens
 from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
 from bokehnet.lenses.thick import ThickLens
 from bokehnet.optics.coc import coc_radius
@@ -272,4 +272,4 @@ class PrescriptionLens:
         beam = trace(self.surfaces_at(wavelength), beam)
         return array_namespace(place).stack(beam.at(self.sensor_position), -1), beam.passes
 
-    fastest = earlier_name("fastest", "min_f_number")
+    fastest = earlier_name("PrescriptionLens", "fastest")

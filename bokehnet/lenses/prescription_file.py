@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.config import load_config
-from bokehnet.errors import ConfigError, LensError
+from bokehnet.errors import ConfigError, LensError, errors_of_file
 from bokehnet.lenses.surface_trace import Surface
 from bokehnet.optics.spectral.glass import (
     D_LINE,
@@ -322,6 +322,8 @@ def read_prescription(path: str | Path) -> Prescription:
             type or is invalid; the message names file and key.
     """
     prescription = load_config(path, Prescription)
-    if (problem := prescription.problem()) is not None:
+    with errors_of_file(path, "a lens", ConfigError):
+        problem = prescription.problem()
+    if problem is not None:
         raise ConfigError(f"{path}: {problem}")
     return prescription

@@ -18,7 +18,7 @@ import numpy as np
 from bokehnet.checks import Array, check_at_least
 from bokehnet.errors import ParameterError
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
+from bokehnet.lenses.pupils.paraxial_lens import ParaxialLens, paraxial_lens
 from bokehnet.lenses.surface_trace import Surface
 from bokehnet.optics.aberrations.aberration_map import AberrationMap, term
 from bokehnet.optics.aberrations.seidel import (

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from bokehnet.config import build_config, check_same, to_dict
 from bokehnet.errors import DataFileError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from bokehnet.config import to_dict
 from bokehnet.errors import ModelFileError
-from bokehnet.io.atomic import write_atomic, write_text
+from bokehnet.io.files.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
 from bokehnet.models.error import FEATURES, ErrorNet

@@ -13,7 +13,7 @@ from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.neural import render_neural

@@ -1,12 +1,12 @@
 """Deprecated call of ``BokehRenderer.render`` with arrays, of version 0.1; version 0.3 removes it."""
 
-import warnings
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec
 
 import numpy as np
 
+from bokehnet.deprecation import warn_deprecated
 from bokehnet.engines.options import RenderOptions, split_option_keywords
 from bokehnet.render.result import RenderResult
 
@@ -30,7 +30,7 @@ def accepts_arrays(render: Callable[Parameters, RenderResult]) -> Callable[Param
         if "image" not in keywords and not (len(args) > 1 and isinstance(args[1], np.ndarray)):
             return render(*args, **keywords)
         message = "render arrays with BokehRenderer.render_arrays; version 0.3 removes this form of render"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        warn_deprecated(message)
         renderer, *arrays = args
         options, others = split_option_keywords(keywords)
         result: RenderResult = renderer.render_arrays(*arrays, **others, options=RenderOptions(**options))

@@ -1,6 +1,7 @@
 """Exposure: blur of a focused scene by a lens, and the effects of the camera."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ from bokehnet.render.supersampling import (
     reduced_result,
     reduced_scene,
 )
+from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.scene import FocusedScene
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import RenderSettings
@@ -32,6 +34,9 @@ from bokehnet.settings.settings import RenderSettings
 __all__ = ["Optics", "expose", "tilt_parameter"]
 
 Array = npt.NDArray[np.float32]
+
+# Smallest width over height of a blur disc in stored pixels; the largest is its inverse.
+_MIN_SQUEEZE = 0.1
 
 # Aperture, lens and camera.
 Optics = tuple[Aperture, LensResponse, CameraEffects | None]
@@ -44,6 +49,7 @@ def expose(
     optics: Optics,
     report: Progress,
     overwrite: bool,
+    cached: int = 0,
 ) -> RenderResult:
     """Blur a scene and apply the effects of the camera.
 
@@ -54,6 +60,7 @@ def expose(
         optics: Aperture, lens and camera of the settings.
         report: Progress callback; an exception that it raises ends the render.
         overwrite: True if the result may overwrite image and defocus.
+        cached: Bytes of the kept maps, which count towards a memory bound.
 
     Examples:
         >>> from bokehnet.optics.aperture import Aperture
@@ -83,7 +90,7 @@ def expose(
             lens,
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
-            memory_in_use=_memory_in_use(scene, keep, overwrite),
+            memory_in_use=cached + _memory_in_use(scene, keep, overwrite),
             overwrite=overwrite,
             known=scene.known,
             layers=scene.layers,
@@ -101,7 +108,7 @@ def expose(
             lamps, occluders = lamps.reduced(factor), reduced_defocus(occluders, factor)
     bokeh = add_lamp_light(rendered.bokeh, lamps, occluders, aperture, settings, scene.lens, scene.window)
     bokeh, alpha = _with_effects(bokeh, alpha, effects, scene)
-    return RenderResult(
+    result = RenderResult(
         bokeh=bokeh,
         alpha=alpha,
         classical=rendered.classical,
@@ -115,6 +122,18 @@ def expose(
         output=settings.output,
         report=_report(scene, engine, rendered.largest_blur),
     )
+    return result if scene.bars is None else _with_bars(result, scene.bars)
+
+
+def _with_bars(result: RenderResult, bars: BlackBars) -> RenderResult:
+    """Return a result with the black bars of its picture around it."""
+    names = ("bokeh", "alpha", "classical", "neural", "error_map", "defocus", "expected_error")
+    arrays = {name: getattr(result, name) for name in names}
+    larger: dict[str, Any] = {name: None if a is None else bars.around(a) for name, a in arrays.items()}
+    mixed = result.mixed_pixels
+    if mixed is not None:
+        mixed = replace(mixed, rows=mixed.rows + bars.top, columns=mixed.columns + bars.left)
+    return replace(result, **larger, mixed_pixels=mixed)
 
 
 def _optics_of_picture(
@@ -122,8 +141,11 @@ def _optics_of_picture(
 ) -> Optics:
     """Return aperture, lens and camera, with aberrations and shading of a prescription lens."""
     aperture, lens_response, effects = optics
+    if scene.window.pixel_aspect != 1:
+        squeeze = aperture.squeeze / scene.window.pixel_aspect
+        aperture = replace(aperture, squeeze=min(max(squeeze, _MIN_SQUEEZE), 1 / _MIN_SQUEEZE))
     if scene.lens is None:
-        return optics
+        return aperture, lens_response, effects
     aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
     if shading := picture_shading(settings.lens, scene.lens, scene.window):
         effects = replace(effects or CameraEffects(), shading=shading)
@@ -173,6 +195,8 @@ def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderR
         focus_distance=None if focused is None else focused.distance,
         pixel_filter=scene.pixel_filter if engine.name in RAY_ENGINES else None,
         notes=scene.notes,
+        assumptions=scene.assumptions,
+        light=scene.light,
     )
 
 

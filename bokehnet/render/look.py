@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
-from bokehnet.errors import ConfigError, LensError, ParameterError
+from bokehnet.errors import ConfigError, LensError, ParameterError, errors_of_file
 from bokehnet.io.color.srgb import luminance
+from bokehnet.io.files.text import read_text
 from bokehnet.io.image import read_image
-from bokehnet.io.text import read_text
 from bokehnet.io.window import Window
 from bokehnet.lenses.aberrations.aberration_cache import cached_aberration_map
 from bokehnet.lenses.aberrations.aberration_table import parse_aberration_table
@@ -81,7 +81,7 @@ def _matching_fields(settings: Group, kind: type, prefix: str = "") -> dict[str,
 
 
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
-    """Return the expansion of clipped lights; None without one.
+    """Return the expansion of lights above a threshold; None without a threshold.
 
     Examples:
         >>> import numpy as np
@@ -89,7 +89,7 @@ def make_highlights(settings: HighlightSettings) -> Highlights | None:
         >>> lights.expand(np.array([[0.5] * 3, [1.0] * 3])).tolist()  # grey stays, white becomes 4
         [[0.5, 0.5, 0.5], [4.0, 4.0, 4.0]]
     """
-    if settings.threshold is None:
+    if isinstance(settings.threshold, str):
         return None
     gain = {} if settings.gain is None else {"gain": settings.gain}
     return Highlights(threshold=settings.threshold, **gain)
@@ -159,7 +159,8 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         aberrations = AberrationSliders(**_matching_fields(lens, AberrationSliders)).aberration_map()
     if lens.table is not None:
         text = read_text(lens.table, "aberrations", "a table", max_characters=_MAX_TABLE_CHARACTERS)
-        aberrations = aberrations + parse_aberration_table(text, lens.table)
+        with errors_of_file(lens.table, "a table of aberrations", ConfigError):
+            aberrations = aberrations + parse_aberration_table(text, lens.table)
     return LensResponse(
         aberration_map=aberrations,
         chromatic_aberration=_chromatic_aberration(color),

@@ -11,7 +11,7 @@ from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
 from bokehnet.engines.strips import min_strip_rows
 from bokehnet.errors import ParameterError
-from bokehnet.io.formats.heif import is_heif
+from bokehnet.io.formats.heif import heif_size, is_heif
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.window import Window
@@ -29,6 +29,7 @@ PROGRAM = 640 * 2**20
 _RENDERING = 400 * 2**20
 
 # Bytes per pixel of the whole picture: light and map, and in addition while reading, repairing and focusing.
+_HEIF_BYTES = 24  # of the decoder and its result
 _PICTURE_BYTES, _READ_BYTES, _REPAIR_BYTES, _FOCUS_BYTES = 16, 5, 14, 12
 
 # Bytes per pixel of the expected error.
@@ -83,7 +84,9 @@ def min_memory(settings: RenderSettings, engine: str, width: int, height: int, a
 
 
 def check_memory(path: Path | str, settings: RenderSettings) -> None:
-    """Raise unless a picture can be rendered within ``engine.max_memory``; reads only its header.
+    """Raise unless a picture and its map can be read and rendered within ``engine.max_memory``.
+
+    Reads only headers.
 
     Raises:
         ParameterError: The bound is too small; the message contains the minimum.
@@ -93,18 +96,38 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
         >>> check_memory("no/such/photo.jpg", RenderSettings())  # no bound, no reading
     """
     bound = settings.engine.max_memory
-    if bound is None or is_heif(path):
+    if bound is None:
         return
-    with ImageFile(path) as file:
-        part = find_picture(file).part
-    width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
-    minimum = min_memory(
-        settings, settings.engine.name or DEFAULT_ENGINE, width, height, part.alpha is not None
-    )
+    alpha, reading = False, 0
+    if is_heif(path):  # decoded at once
+        height, width = heif_size(path)
+        reading = _HEIF_BYTES * height * width
+    else:
+        with ImageFile(path) as file:
+            part = find_picture(file).part
+            reading = file.reading_bytes(part)
+        width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
+        alpha = part.alpha is not None
+    engine, pixels = settings.engine.name or DEFAULT_ENGINE, width * height
+    program = max(0, PROGRAM - _RENDERING)
+    _check_bound(bound, min_memory(settings, engine, width, height, alpha), f"{width}x{height} pixels")
+    _check_bound(bound, program + _PICTURE_BYTES * pixels + reading, f"reading {path}")
+    inputs = settings.input
+    for source in (inputs.disparity, inputs.depth, inputs.defocus):
+        if source is None or is_heif(source) or not Path(source).is_file():
+            continue
+        with ImageFile(source) as file:
+            size = max(part.width * part.height for part in file.parts)
+            reading = max(map(file.reading_bytes, file.parts))
+        _check_bound(bound, program + _PICTURE_BYTES * (pixels + size) + reading, f"reading {source}")
+
+
+def _check_bound(bound: int, minimum: int, purpose: str) -> None:
+    """Raise if the bound is below the minimum for this purpose."""
     if bound < minimum:
         raise ParameterError(
             "engine.max_memory",
-            f"at least {math.ceil(minimum / 1e6)} MB for {width}x{height} pixels",
+            f"at least {math.ceil(minimum / 1e6)} MB for {purpose}",
             bound,
             shown=f"{bound / 1e6:.0f} MB",
         )

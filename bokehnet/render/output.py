@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from bokehnet.io.formats.output_format import OutputFormat, check_format
 from bokehnet.io.frame import Frame, check_frame_format
-from bokehnet.io.output_format import OutputFormat, check_format
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import OutputSettings
 

@@ -1,19 +1,27 @@
 """Preparation of a frame before the blur: depth repair and focus."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
+from bokehnet.light.recovery import RecoveredLight, recover_light
+from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
 from bokehnet.render.look import copy_tilt_gradient
+from bokehnet.render.picture_cache import PictureCache, array_digest
 from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
+from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
-from bokehnet.scene.focus import check_nothing_to_focus, focus_lens
+from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
+from bokehnet.scene.focus_checks import check_nothing_to_focus
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (
@@ -24,9 +32,59 @@ from bokehnet.scene.scene import (
     is_repaired,
     map_at_picture_size,
 )
-from bokehnet.settings.settings import RenderSettings
+from bokehnet.scene.subject import Subject, find_subject
+from bokehnet.settings.settings import FocusSettings, InputSettings, RenderSettings
 
 __all__ = ["prepare"]
+
+Array = npt.NDArray[np.float32]
+
+
+class _Map(NamedTuple):
+    """Map of a picture, repaired or not.
+
+    Attributes:
+        values: Map in the size of the picture, (H, W).
+        ends: Smallest and largest value before the repair.
+        repaired: True if edges were moved; None if the repair did not run.
+        reason: Reason of the repair or its absence.
+        plan: Decisions of the repair.
+    """
+
+    values: Array
+    ends: tuple[float, float]
+    repaired: bool | None = None
+    reason: str = ""
+    plan: RepairPlan | None = None
+
+
+# Blur radii from which recovered light is used, partly and altogether, pixels.
+_RECOVERED_RADII_PX = 0.5, 2.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Picture:
+    """Scene with everything that does not depend on focus and blur.
+
+    Attributes:
+        original: Scene as read.
+        scene: Scene at the size of its render.
+        map: Map at that size, repaired.
+        known: Both surfaces of pixels at edges, in the unit of the map, where they are known.
+        pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
+        subject: Function that returns the subject.
+        light: Picture with the clipped light recovered.
+        bars: Black bars around these arrays; None without bars.
+    """
+
+    original: Scene
+    scene: Scene
+    map: _Map
+    known: KnownSurfaces | None
+    pixel_filter: FilterChoice | None
+    subject: Callable[[], Subject]
+    light: RecoveredLight
+    bars: BlackBars | None = None
 
 
 def prepare(
@@ -36,6 +94,7 @@ def prepare(
     report: Progress,
     repairer: Callable[[], DisparityRepair],
     plan: RepairPlan | None = None,
+    cache: PictureCache | None = None,
 ) -> FocusedScene:
     """Repair the map of a scene and focus it; see :meth:`BokehRenderer.prepare`.
 
@@ -46,6 +105,7 @@ def prepare(
         report: Progress callback of the repair; an exception that it raises ends the repair.
         repairer: Factory of the depth repair, called on demand.
         plan: Repair plan of the shot, if there is one.
+        cache: Cache of the results that depend on the picture alone; None computes them.
 
     Examples:
         >>> import numpy as np
@@ -58,35 +118,141 @@ def prepare(
         >>> float(prepare(scene, settings, "rays", lambda done, total: None, DisparityRepair).defocus.min())
         -8.0
     """
+    picture = _prepare_picture(scene, settings, engine, report, repairer, plan, cache)
+    focused = _focus_picture(picture, settings)
+    if cache is None or cache.max_bytes == 0 or settings.engine.max_memory is not None:
+        return focused
+    picture = replace(picture, subject=partial(find_subject, picture.scene.image, picture.map.values))
+    return replace(focused, focus_again=partial(_focus_again, picture, settings))
+
+
+def _prepare_picture(
+    scene: Scene,
+    settings: RenderSettings,
+    engine: str,
+    report: Progress,
+    repairer: Callable[[], DisparityRepair],
+    plan: RepairPlan | None = None,
+    cache: PictureCache | None = None,
+) -> _Picture:
+    """Return a scene with its repaired map and pixel filter, from the cache if it has them.
+
+    Arguments are those of :func:`prepare`.
+    """
     report(0, 1)
     original, scene = scene, at_rendered_size(scene)
     check_repair_allowed(scene, settings.depth)
-    values = map_at_picture_size(scene, settings.depth)
-    ends = float(values.min()), float(values.max())
-    lens, repaired, reason, notes, repair = None, None, "", scene.notes, None
+    if scene.depth.kind != "defocus":  # before the slow repair
+        fine = settings_in_fine_pixels(settings, scene.supersampled)
+        check_lens(scene.depth, scene.window, fine.focus, fine.camera)
+    bars = None if _words_of_layout(settings.input) else _bars_of(scene)
+    if bars is not None:
+        original = scene = replace(
+            scene,
+            image=bars.inside(scene.image),
+            depth=replace(scene.depth, values=bars.inside(map_at_picture_size(scene, settings.depth))),
+            window=bars.window_inside(scene.window),
+        )
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
-    elif is_repaired(scene, settings.depth):
-        repair = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
-        values, repaired, reason = repair.disparity, repair.repaired, repair.reason
+    if cache is None or cache.max_bytes == 0 or plan is not None:
+        cache = PictureCache(0)
+    digests: tuple[Any, ...] = ()
+    if cache.max_bytes:
+        digests = (array_digest(original.image), array_digest(original.depth.values), original.supersampled)
+    key = (digests, scene.depth.kind, scene.depth.filtered, scene.depth.fits_any_size, settings.depth)
+    is_read = scene.depth.kind == "defocus" or is_exact(scene)  # no copy of a map that is used as it is
+    final = (PictureCache(0) if is_read else cache).get(
+        ("map", *key), lambda: _final_map(scene, settings, report, repairer, plan), lambda map: map.values
+    )
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):
-        known = matte_surfaces(matte, values)
+        known = matte_surfaces(matte, final.values)
+    choice = None
+    if engine in RAY_ENGINES:
+        renderer = None if original.frame is None else original.frame.renderer
+        choice = cache.get(
+            ("filter", digests, renderer, settings.depth.pixel_filter),
+            lambda: choose_filter(original, settings.depth.pixel_filter),
+        )
+    light = cache.get(
+        ("light", *key, settings.highlights.threshold, settings.highlights.strength),
+        lambda: _recovered_light(scene, final.values, settings),
+        lambda light: light.image if light.fraction else np.zeros(0),
+    )
+    return _Picture(
+        original=original,
+        scene=scene,
+        map=final,
+        known=known,
+        pixel_filter=choice,
+        subject=lambda: cache.get(
+            ("subject", *key),
+            lambda: find_subject(scene.image, final.values),
+            lambda subject: subject.mask,
+        ),
+        light=light,
+        bars=bars,
+    )
+
+
+def _recovered_light(scene: Scene, nearness: Array, settings: RenderSettings) -> RecoveredLight:
+    """Return the picture of a scene, with its clipped light if file and settings allow an estimate."""
+    highlights, frame = settings.highlights, scene.frame
+    is_photograph = frame is not None and frame.is_display_referred and scene.supersampled == 1
+    if highlights.threshold != "auto" or not is_photograph:
+        return RecoveredLight(image=scene.image)
+    return recover_light(scene.image, nearness, highlights.strength)
+
+
+def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Array:
+    """Return a picture with the recovered light of what is blurred.
+
+    What is in focus stays as the camera recorded it: its recovered light would only be clipped again, in
+    another colour.
+
+    Args:
+        image: Picture as read, scene-linear, (H, W, 3).
+        light: Recovered light.
+        defocus: Signed blur radius, pixels, (H, W).
+    """
+    if not light.fraction:
+        return light.image
+    low, high = _RECOVERED_RADII_PX
+    weight = np.clip((np.abs(defocus) - low) / (high - low), 0, 1).astype(np.float32)
+    return image + weight[..., None] * (light.image - image)
+
+
+def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
+    """Return a prepared picture in focus.
+
+    Args:
+        picture: Picture, prepared with the same settings but for focus, camera and lens.
+        settings: Settings of the render.
+
+    Raises:
+        BokehnetError: A setting of focus or camera is missing or does not apply.
+    """
+    original, scene, values, known = picture.original, picture.scene, picture.map.values, picture.known
+    lens, notes = None, scene.notes
     if scene.depth.kind == "defocus":
         known = focused_surfaces(known, values, None, scene.supersampled)
         values = values if scene.supersampled == 1 else scene.supersampled * values
     else:
-        depth, fine = (
-            replace(scene.depth, values=values),
-            settings_in_fine_pixels(settings, scene.supersampled),
-        )
-        lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+        depth = replace(scene.depth, values=values)
+        fine = settings_in_fine_pixels(settings, scene.supersampled)
+        subject = picture.subject() if is_automatic(fine.focus, depth) else None
+        lens = focus_lens(depth, scene.window, fine.focus, fine.camera, scene.image, subject)
         lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
+        if lens.subject is not None:
+            focus = lens.subject.note(scene.window, scene.supersampled)
+            lens = replace(lens, assumptions=(focus, *lens.assumptions))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
-        notes += unexpected_blur(scene.depth, ends, lens, values)
-    choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
-    image = scene.image
+        if settings.input.stereo == "side-by-side" and scene.depth.kind == "metric":
+            values = values / np.float32(2)  # half of the picture spans the sensor
+        notes += unexpected_blur(scene.depth, picture.map.ends, lens, values)
+    image, choice = _light_of_blurred(scene.image, picture.light, values), picture.pixel_filter
     if original.supersampled > scene.supersampled:
         radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
         pixel_filter = None if choice is None else choice.specified_or_default
@@ -99,12 +265,70 @@ def prepare(
         number=scene.number,
         frame=scene.frame,
         lens=lens,
-        repaired=repaired,
-        repair_reason=reason,
-        repair_plan=None if repair is None else repair.plan,
+        repaired=picture.map.repaired,
+        repair_reason=picture.map.reason,
+        repair_plan=picture.map.plan,
         pixel_filter=choice,
         notes=notes,
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
+        assumptions=(
+            *(scene.depth.assumptions if lens is None else lens.assumptions),
+            *_pixel_shape(scene.window.pixel_aspect),
+            *_words_of(picture.bars),
+            *_words_of_layout(settings.input),
+        ),
+        bars=picture.bars,
+        light=picture.light.note,
     )
+
+
+def _final_map(
+    scene: Scene,
+    settings: RenderSettings,
+    report: Progress,
+    repairer: Callable[[], DisparityRepair],
+    plan: RepairPlan | None,
+) -> _Map:
+    """Return the map of a scene at the size of its picture, repaired if the settings say so."""
+    values = map_at_picture_size(scene, settings.depth)
+    ends = float(values.min()), float(values.max())
+    if not is_repaired(scene, settings.depth):
+        return _Map(values, ends)
+    repair = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
+    return _Map(repair.disparity, ends, repair.repaired, repair.reason, repair.plan)
+
+
+def _focus_again(picture: _Picture, settings: RenderSettings, **changes: Any) -> FocusedScene:
+    """Return a prepared picture with another focus; see :meth:`FocusedScene.refocus`."""
+    tilts = {"tilt_x": settings.focus.tilt_x, "tilt_y": settings.focus.tilt_y}
+    settings = replace(settings, focus=FocusSettings(**tilts | changes))
+    return replace(_focus_picture(picture, settings), focus_again=partial(_focus_again, picture, settings))
+
+
+def _pixel_shape(aspect: float) -> tuple[str, ...]:
+    """Return words for the summary about pixels that are not square."""
+    return () if aspect == 1 else (f"pixels {aspect:.3g} times as wide as high",)
+
+
+def _bars_of(scene: Scene) -> BlackBars | None:
+    """Return the black bars of an opaque picture without further information about its edges."""
+    is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
+    is_plain = is_plain and scene.alpha is None
+    return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
+
+
+def _words_of(bars: BlackBars | None) -> tuple[str, ...]:
+    """Return words for the summary about black bars."""
+    if bars is None:
+        return ()
+    names = ("top", "bottom", "left", "right")
+    widths = ", ".join(f"{name} {width}" for name in names if (width := getattr(bars, name)))
+    return (f"black bars kept ({widths} px)",)
+
+
+def _words_of_layout(settings: InputSettings) -> tuple[str, ...]:
+    """Return words for the summary about the layout of the picture."""
+    projection = () if settings.projection == "flat" else (f"projection {settings.projection}",)
+    return projection if settings.stereo is None else (*projection, f"stereo {settings.stereo}")

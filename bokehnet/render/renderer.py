@@ -1,7 +1,7 @@
 """Public renderer: scene and settings, or arrays, to the picture; does not need torch."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,12 +22,14 @@ from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
 from bokehnet.render.deprecated_arrays import accepts_arrays
 from bokehnet.render.exposure import Optics, expose, tilt_parameter
+from bokehnet.render.layouts import expose_layout
 from bokehnet.render.look import (
     make_aperture,
     make_effects,
     make_lens_response,
     prescription_lens,
 )
+from bokehnet.render.picture_cache import DEFAULT_CACHE_BYTES, PictureCache
 from bokehnet.render.preparation import prepare
 from bokehnet.render.result import RenderReport, RenderResult
 from bokehnet.scene.scene import FocusedScene, Scene
@@ -37,6 +39,7 @@ from bokehnet.settings.settings import (
     ColorSettings,
     DeviceName,
     EngineName,
+    FocusSettings,
     LensSettings,
     RenderSettings,
     check_engine,
@@ -49,6 +52,9 @@ Cached = TypeVar("Cached")
 
 # Maximum number of engines, networks and looks in the cache of a renderer.
 _MAX_CACHED = 16
+
+# Fraction of the memory bound of a render, as a divisor, that kept maps may use.
+_CACHE_FRACTION = 8
 
 
 class BokehRenderer:
@@ -69,6 +75,8 @@ class BokehRenderer:
         session_options: ``onnxruntime.SessionOptions`` to use instead of the default ones; ``threads`` is
             then ignored, and the renderer cannot be pickled.
         device: Device that renders: "cpu", "cuda" (a graphics card), or "auto" ("cuda" where possible).
+        cache_bytes: Upper bound of the repaired maps that are kept, bytes: another focus, blur or look of a
+            picture then needs no other repair. 0 keeps none.
 
     Raises:
         ParameterError: Unknown engine, unavailable provider of ONNX Runtime, or no CUDA device.
@@ -99,6 +107,7 @@ class BokehRenderer:
         providers: Sequence[str] = ("CPUExecutionProvider",),
         session_options: Any = None,
         device: DeviceName = "cpu",
+        cache_bytes: int = DEFAULT_CACHE_BYTES,
     ) -> None:
         self.engine: str = "rays" if engine is None else engine
         self.aperture = aperture or Aperture()
@@ -106,15 +115,19 @@ class BokehRenderer:
         self._weights = None if weights is None else Path(weights)
         self._threads, self._providers, self._options = threads, tuple(providers), session_options
         self.device: str = device
+        self._cache_bytes = cache_bytes
+        self._pictures = PictureCache(cache_bytes)
         self._lock = ForkSafeLock()
         self._kept: dict[Any, Any] = {}
         self._engine(self.engine, self._weights, self.device)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_kept")}
+        dropped = ("_lock", "_kept", "_pictures")
+        return {name: value for name, value in self.__dict__.items() if name not in dropped}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._pictures = PictureCache(self._cache_bytes)
         self._lock = ForkSafeLock()
         self._kept = {}
 
@@ -160,15 +173,21 @@ class BokehRenderer:
         settings: RenderSettings | None = None,
         progress: Progress | None = None,
         *,
+        focus: float | FocusSettings | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult:
         """Render a scene with settings.
 
+        The renderer keeps the repaired map, so that the same scene with another focus, blur or look costs
+        the blur only.
+
         Args:
             scene: Scene from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`.
             settings: Settings of the render; default: those of :class:`RenderSettings`.
             progress: Called with (steps done, total steps).
+            focus: Focus in place of that of the settings: a disparity of 0 to 1, with metric depth a
+                distance in metres, or focus settings.
             cancel: Cancellation signal, checked between steps.
             overwrite: True if the result may overwrite image and defocus of a prepared scene, which are
                 invalid afterwards; saves their memory when rendering in strips.
@@ -182,12 +201,22 @@ class BokehRenderer:
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
         if isinstance(scene, Scene):
+            if focus is not None:
+                settings = replace(settings, focus=_focus_settings(focus, scene))
             scene = self.prepare(scene, settings, cancel=cancel)
+        elif focus is not None:
+            fields = {"value": focus} if not isinstance(focus, FocusSettings) else asdict(focus)
+            scene = scene.refocus(**fields)
         name, weights, device = self._engine_of(settings)
         check_engine(settings, name)  # settings may differ from those of `prepare`
         engine = self._engine(name, weights, device)
         watch = cancellable(progress, cancel)
-        return expose(scene, settings, engine, self._look(settings), watch, overwrite)
+        optics = self._look(settings)
+        if settings.input.projection != "flat" or settings.input.stereo is not None:
+            return expose_layout(scene, settings, engine, optics, watch)
+        if settings.engine.max_memory is not None:
+            self._pictures.trim(settings.engine.max_memory // _CACHE_FRACTION)
+        return expose(scene, settings, engine, optics, watch, overwrite, self._pictures.nbytes)
 
     def render_arrays(
         self,
@@ -291,7 +320,8 @@ class BokehRenderer:
         check_kind("settings", settings, RenderSettings)
         engine, *_ = self._engine_of(settings)
         check_engine(settings, engine)
-        return prepare(scene, settings, engine, cancellable(progress, cancel), self._repairer, plan)
+        watch = cancellable(progress, cancel)
+        return prepare(scene, settings, engine, watch, self._repairer, plan, self._pictures)
 
     def _look(self, settings: RenderSettings) -> Optics:
         """Return aperture, lens and effects of the settings, cached."""
@@ -337,6 +367,12 @@ class BokehRenderer:
             if len(self._kept) > _MAX_CACHED:
                 del self._kept[next(iter(self._kept))]
             return value
+
+
+def _focus_settings(focus: float | FocusSettings, scene: Scene) -> FocusSettings:
+    if isinstance(focus, FocusSettings):
+        return focus
+    return FocusSettings(distance=focus) if scene.depth.kind == "metric" else FocusSettings(value=focus)
 
 
 def _from_disparity(

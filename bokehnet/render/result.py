@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import BinaryIO, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import LINEAR_REC709, convert
+from bokehnet.io.files.buffers import write_to_stream
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
@@ -41,6 +43,9 @@ class RenderReport:
         focus_distance: Distance in focus, metres; None for relative disparity.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         notes: Automatic choices and warnings, one line each.
+        assumptions: Values and facts that neither settings nor files define, a few words each: focus,
+            strength of the blur; unit, direction, coding and holes of the map.
+        light: Recovered light of clipped pixels, a few words; empty if none was recovered.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -56,6 +61,8 @@ class RenderReport:
     focus_distance: float | None = None
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    light: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,7 +109,9 @@ class RenderResult:
     frame: Frame | None = field(default=None, repr=False)
     output: OutputSettings = field(default_factory=OutputSettings)
 
-    def save(self, path: Path | str, progress: Progress | None = None) -> None:
+    def save(
+        self, path: Path | str | BinaryIO, progress: Progress | None = None, *, format: str | None = None
+    ) -> None:
         """Write the picture according to ``output``, atomically; the extension sets the format.
 
         In an EXR file the result replaces the picture and everything else is kept; see
@@ -110,13 +119,17 @@ class RenderResult:
         channel of that name, in 8-bit levels.
 
         Args:
-            path: Output file.
+            path: Output file, or a binary stream such as ``io.BytesIO``.
             progress: Called with (steps done, total steps), by several threads.
+            format: Extension that selects the format of a stream, such as "jpg".
 
         Raises:
             ImageFileError: Unknown extension, or the file cannot be written.
             ParameterError: The format does not support the settings of ``output``.
         """
+        if hasattr(path, "write"):
+            write_to_stream(cast(BinaryIO, path), format, lambda file: self.save(file, progress))
+            return
         output_format, extra = make_output_format(self.output), {}
         if self.output.expected_error == "on" and Path(path).suffix.lower() == ".exr":
             extra = {} if self.expected_error is None else {"expected_error": self.expected_error}

@@ -99,7 +99,8 @@ def rendered_surfaces(
 
 
 def _divided(window: Window, factor: int) -> Window:
-    return Window(
+    return replace(
+        window,
         x=window.x // factor,
         y=window.y // factor,
         width=window.width // factor,

@@ -7,12 +7,19 @@ from bokehnet.errors import ParameterError
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.settings.settings import CameraSettings
 
-__all__ = ["LensNumbers", "complete_camera", "full_frame_camera", "merged_camera"]
+__all__ = [
+    "DEFAULT_FOCAL_LENGTH",
+    "LensNumbers",
+    "complete_camera",
+    "full_frame_camera",
+    "has_view",
+    "merged_camera",
+]
 
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm
 
 # Default full-frame focal length, mm, without metadata: the main camera of most phones.
-_DEFAULT_FOCAL_LENGTH = 26.0
+DEFAULT_FOCAL_LENGTH = 26.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,11 +93,21 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
         (24.2, 1.8, 34.6)
     """
     sensor_width = _FILM_DIAGONAL * width / math.hypot(width, height)
-    focal_length = _DEFAULT_FOCAL_LENGTH
+    focal_length = DEFAULT_FOCAL_LENGTH
     if camera is not None and camera.focal_length is not None and camera.sensor_width is not None:
         focal_length = camera.focal_length * sensor_width / camera.sensor_width
     f_number = None if camera is None else camera.f_number
     return Camera(focal_length=focal_length, f_number=f_number, sensor_width=sensor_width)
+
+
+def has_view(camera: Camera | None) -> bool:
+    """Return whether the data of a file define the field of view.
+
+    Examples:
+        >>> has_view(Camera(focal_length=6.86, sensor_width=9.8)), has_view(Camera(focal_length=6.86))
+        (True, False)
+    """
+    return camera is not None and camera.focal_length is not None and camera.sensor_width is not None
 
 
 def merged_camera(first: Camera | None, second: Camera | None) -> Camera | None:

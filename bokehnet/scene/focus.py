@@ -1,12 +1,12 @@
 """Focus and blur strength: conversion of settings and the depth map of a scene to defocus.
 
 The signed blur radius of a lens is linear in disparity. Any focus (a value, a distance, a pixel, a range, a
-tilted plane) thus becomes a disparity, or a plane of disparities, and a factor.
+tilted plane, the subject) thus becomes a disparity, or a plane of disparities, and a factor.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,17 +27,26 @@ from bokehnet.optics.focus_plane import (
     tilted_lens,
 )
 from bokehnet.optics.focus_range import defocus_outside_range
+from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.camera import LensNumbers, complete_camera
-from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
-from bokehnet.settings.error_names import errors_named_as
-from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
+from bokehnet.scene.depth.depth_source import (
+    DepthMap,
+)
+from bokehnet.scene.focus_checks import check_kind, check_pixels, has_focus, no_focus_error, stored_pixel
+from bokehnet.scene.focus_patch import surface_disparity
+from bokehnet.scene.subject import Subject
+from bokehnet.settings.settings import CameraSettings, FocusSettings
 
-__all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
+__all__ = [
+    "FocusedLens",
+    "check_lens",
+    "disparity_at_pixel",
+    "disparity_of_distance",
+    "focus_lens",
+    "is_automatic",
+]
 
 Array = npt.NDArray[np.float32]
-
-_RELATIVE = ("focus.value", "camera.blur")
-_METRIC = ("focus.distance", "camera.focal_length", "camera.f_number", "camera.sensor_width")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,6 +63,8 @@ class FocusedLens:
         window: Position of the map's pixels in the shown picture.
         tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
             that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.
+        subject: Subject that an automatic focus chose; None for a focus of the settings or the file.
+        assumptions: Assumed values that the blur depends on, a few words each.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -70,6 +81,8 @@ class FocusedLens:
     plane: Callable[[float], tuple[FocusPlane, float]] | None
     window: Window
     tilt_gradient: tuple[float, float] = (0.0, 0.0)
+    subject: Subject | None = None
+    assumptions: tuple[str, ...] = ()
 
     @property
     def distance(self) -> float | None:
@@ -136,6 +149,8 @@ class FocusedLens:
             else:
                 pitch = self.camera.sensor_width / self.window.display_width
                 defocus = defocus_map(disparity, _thin_lens(self.camera, focus), pitch)
+                if self.window.pixel_aspect > 1:  # the longer axis of the disc, here down, has the radius
+                    defocus = defocus * np.float32(self.window.pixel_aspect)
             if any(self.tilt_gradient):
                 corner = (self.window.x, self.window.y)
                 plane = self._misalignment_plane
@@ -143,7 +158,14 @@ class FocusedLens:
         return defocus
 
 
-def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> FocusedLens:
+def focus_lens(
+    depth: DepthMap,
+    window: Window,
+    focus: FocusSettings,
+    camera: CameraSettings,
+    image: Array | None = None,
+    subject: Subject | None = None,
+) -> FocusedLens:
     """Return the lens of a scene with its focus and blur strength.
 
     Args:
@@ -151,6 +173,8 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         window: Position of its pixels in the shown picture.
         focus: Focus settings.
         camera: Camera settings.
+        image: Scene-linear picture, (H, W, 3), whose colours separate the surfaces under pixels in focus.
+        subject: Subject to focus on if neither settings nor file define the focus; see :func:`is_automatic`.
 
     Raises:
         ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
@@ -165,28 +189,75 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         2.0
     """
     metric = depth.kind == "metric"
-    check_kind(focus, camera, metric=metric, origin=depth.origin)
-    numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
-    plane = _tilted_plane(depth, window, focus, camera, numbers)
-    if focus.range is not None:
+    check_lens(depth, window, focus, camera)
+    if subject is not None and (focus.tilt_x or focus.tilt_y):
+        x, y = subject.position
+        focus = replace(focus, range=None, at=(x + window.x, y + window.y))
+    if isinstance(focus.range, tuple):
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
+    elif subject is None or focus.at is not None:
+        near = far = _focus_disparity(depth, window, focus, image)
+    elif focus.range == "off":
+        near = far = subject.disparity
     else:
-        near = far = _focus_disparity(depth, window, focus, plane)
-    blur = None if metric else camera.blur
-    return FocusedLens(near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window)
+        near, far = subject.near, subject.far
+    camera, assumptions = completed_blur(camera, depth, near, far, window)
+    numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
+    return FocusedLens(
+        near=near,
+        far=far,
+        blur=None if metric else camera.blur,
+        camera=numbers,
+        plane=_tilted_plane(depth, window, focus, camera, numbers, image),
+        window=window,
+        subject=subject,
+        assumptions=(*depth.assumptions, *assumptions),
+    )
+
+
+def check_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> None:
+    """Raise ``ParameterError`` unless :func:`focus_lens` can focus the map; takes no time.
+
+    Args:
+        depth: Depth map of the scene, of any size.
+        window: Position of the picture's pixels in the shown picture.
+        focus: Focus settings.
+        camera: Camera settings.
+
+    Examples:
+        >>> depth = DepthMap(values=np.ones((2, 3), np.float32), kind="relative", origin="input.disparity")
+        >>> check_lens(depth, Window.whole(3, 2), FocusSettings(at=(3, 0)), CameraSettings(blur=8))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.at: expected a pixel inside the picture of 3x2, got 3,0
+    """
+    metric = depth.kind == "metric"
+    check_kind(focus, camera, metric=metric, origin=depth.origin)
+    if metric:
+        # A photo with its own depth needs no f-number; see `completed_blur`.
+        known = replace(camera, f_number=camera.f_number or 1.0) if depth.fits_any_size else camera
+        complete_camera(known, depth.camera, depth.origin)
+    check_pixels(focus, window)
 
 
 def disparity_at_pixel(
-    pixel: tuple[int, int], depth: DepthMap, window: Window, name: str = "focus.at"
+    pixel: tuple[int, int],
+    depth: DepthMap,
+    window: Window,
+    name: str = "focus.at",
+    image: Array | None = None,
 ) -> float:
-    """Return the value of a map at a pixel of the shown picture.
+    """Return the disparity of the surface under a pixel of the shown picture.
+
+    See :func:`bokehnet.scene.focus_patch.surface_disparity`.
 
     Args:
         pixel: Column and row, from the upper left corner.
         depth: Depth map in the size of the picture.
         window: Position of its pixels in the shown picture.
         name: Setting that names the pixel, for the message.
+        image: Scene-linear picture, (H, W, 3), whose colours separate surfaces; None uses the map alone.
 
     Raises:
         ParameterError: The file stores no such pixel.
@@ -197,17 +268,8 @@ def disparity_at_pixel(
         >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
         0.25
     """
-    x, y = pixel
-    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
-        size = f"{window.display_width}x{window.display_height}"
-        raise ParameterError(name, expected=f"a pixel inside the picture of {size}", shown=f"{x},{y}")
-    column, row = x - window.x, y - window.y
-    height, width = depth.values.shape
-    if not (0 <= column < width and 0 <= row < height):
-        raise ParameterError(
-            name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
-        )
-    return float(depth.values[row, column])
+    column, row = stored_pixel(pixel, window, name)
+    return surface_disparity(depth.values, column, row, image)
 
 
 def disparity_of_distance(metres: float) -> float:
@@ -222,107 +284,32 @@ def disparity_of_distance(metres: float) -> float:
     return 1 / (1000 * metres)
 
 
-def check_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
+def is_automatic(focus: FocusSettings, depth: DepthMap) -> bool:
+    """Return whether neither settings nor file define the focus, so that it falls on the subject.
 
     Examples:
-        >>> from bokehnet.settings.settings import InputSettings
-        >>> disparity, blur = InputSettings(disparity="disparity.png"), CameraSettings(blur=30)
-        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(value=0.4)))
-        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(distance=2)))
-        Traceback (most recent call last):
-            ...
-        bokehnet.errors.ParameterError: focus.distance: expected nothing: it does not apply to ...
+        >>> depth = DepthMap(values=np.zeros((2, 3), np.float32), kind="relative", origin="input.disparity")
+        >>> is_automatic(FocusSettings(), depth), is_automatic(FocusSettings(value=0.5), depth)
+        (True, False)
     """
-    source = depth_source(settings)
-    if source.kind == "defocus":
-        check_nothing_to_focus(settings)
-        return
-    metric, origin = source.kind == "metric", source.origin
-    if metric and isinstance(source, EmbeddedDepth):
-        origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
-
-
-def check_nothing_to_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` if the settings would focus a defocus map again."""
-    for name in ("value", "distance", "at", "range", "plane"):
-        if getattr(settings.focus, name) is not None:
-            raise ParameterError(
-                f"focus.{name}", expected="nothing: `input.defocus` is already focused", remedy="leave it out"
-            )
-    if settings.focus.tilt_x or settings.focus.tilt_y or settings.camera != CameraSettings():
-        raise ParameterError(
-            "input.defocus",
-            expected="no camera and no tilt with it: its blur radii are final",
-            remedy="leave them out",
-        )
-
-
-def check_kind(
-    focus: FocusSettings, camera: CameraSettings, *, metric: bool, origin: str, complete: bool = False
-) -> None:
-    """Raise ``ParameterError`` unless focus and camera apply to a map of this kind.
-
-    Args:
-        focus: Focus settings.
-        camera: Camera settings.
-        metric: True for metric depth, False for relative disparity.
-        origin: Origin of the map for messages: a setting, or words.
-        complete: True if the settings must contain the focus, as no file does.
-    """
-    holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
-    values = {"focus": focus, "camera": camera}
-    for path in _RELATIVE if metric else _METRIC:
-        group, _, name = path.partition(".")
-        value = getattr(values[group], name)
-        if value is not None:
-            raise ParameterError(
-                path, expected=f"nothing: it does not apply to {holder}", got=value, remedy="leave it out"
-            )
-    if not metric and camera.blur is None:
-        raise ParameterError(
-            "camera.blur",
-            expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
-            shown="none",
-        )
-    if complete and all(getattr(focus, name) is None for name in _focus_fields(metric)):
-        raise _no_focus(metric)
-    if not metric and focus.range is not None and max(focus.range) > 1:
-        raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
-    if metric and focus.range is not None and not min(focus.range) > 0:
-        raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
-    if focus.plane is not None:
-        with errors_named_as("focus", {"pixels": "plane"}):
-            FocusPlane.through(focus.plane, (0, 0, 0))
-
-
-def _no_focus(metric: bool, why: str = "") -> ParameterError:
-    *first, last = (f"`focus.{name}`" for name in _focus_fields(metric))
-    return ParameterError(
-        f"focus.{_focus_fields(metric)[0]}",
-        expected=f"one of {', '.join(first)} and {last}",
-        shown=f"none{why}",
-    )
-
-
-def _focus_fields(metric: bool) -> tuple[str, ...]:
-    """Return the settings that can define the focus."""
-    return ("distance" if metric else "value", "at", "range", "plane")
+    metric = depth.kind == "metric"
+    in_file = depth.focus is not None
+    if metric and depth.camera is not None:
+        in_file = in_file or depth.camera.focus_distance is not None
+    return not in_file and not has_focus(focus, metric)
 
 
 def _focus_disparity(
     depth: DepthMap,
     window: Window,
     focus: FocusSettings,
-    plane: Callable[[float], tuple[FocusPlane, float]] | None,
+    image: Array | None,
 ) -> float:
     """Return the disparity in focus; of a tilted plane, at its pivot or in the middle."""
     if focus.plane is not None:
-        assert plane is not None
-        return float(plane(0.0)[0].at(*_middle(window)))
+        return float(_picked_plane(focus.plane, depth, window, image).at(*_middle(window)))
     if focus.at is not None:
-        return disparity_at_pixel(focus.at, depth, window)
+        return disparity_at_pixel(focus.at, depth, window, image=image)
     if focus.value is not None:
         return focus.value
     if focus.distance is not None:
@@ -331,7 +318,15 @@ def _focus_disparity(
         return disparity_of_distance(depth.camera.focus_distance / 1000)
     if depth.focus is not None:
         return depth.focus
-    raise _no_focus(depth.kind == "metric", "; the picture's file contains no focus")
+    raise no_focus_error(depth.kind == "metric", "; the picture's file contains no focus")
+
+
+def _picked_plane(
+    pixels: tuple[tuple[int, int], ...], depth: DepthMap, window: Window, image: Array | None
+) -> FocusPlane:
+    """Return the plane of disparities through three pixels."""
+    values = [disparity_at_pixel(pixel, depth, window, "focus.plane", image) for pixel in pixels]
+    return FocusPlane.through(pixels, values)
 
 
 def _tilted_plane(
@@ -340,6 +335,7 @@ def _tilted_plane(
     focus: FocusSettings,
     camera: CameraSettings,
     numbers: LensNumbers | None,
+    image: Array | None,
 ) -> Callable[[float], tuple[FocusPlane, float]] | None:
     """Return the function from the pivot's disparity to the plane in focus and the blur, pixels per unit."""
     tilt = (focus.tilt_x, focus.tilt_y)
@@ -349,8 +345,7 @@ def _tilted_plane(
     pixel = middle if focus.at is None else focus.at
     picked = None
     if focus.plane is not None:
-        values = [disparity_at_pixel(corner, depth, window, "focus.plane") for corner in focus.plane]
-        picked = FocusPlane.through(focus.plane, values)
+        picked = _picked_plane(focus.plane, depth, window, image)
     check_rank("disparity", depth.values, 2, "(H, W)")
     if numbers is None:
         blur = camera.blur

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bokehnet.checks import check_finite, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
-from bokehnet.depth_repair.stages.edge_sharpening import local_extremes
+from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.exr.deep import FlatPixels, two_surfaces
 from bokehnet.io.exr.header import is_exr

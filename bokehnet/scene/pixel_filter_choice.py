@@ -13,7 +13,7 @@ def choose_filter(scene: Scene, setting: str) -> FilterChoice:
     Args:
         scene: Scene of the picture.
         setting: Name of a filter or a renderer, or ``auto``: the filter of the renderer that wrote the file,
-            else an estimate from the edges of the picture.
+            else an estimate from the edges of the picture and of its map.
 
     Examples:
         >>> import numpy as np
@@ -31,4 +31,5 @@ def choose_filter(scene: Scene, setting: str) -> FilterChoice:
     if renderer is not None:
         reason = f"of {renderer}, which wrote the file"
         return FilterChoice(pixel_filter=parse_pixel_filter(renderer), reason=reason)
-    return estimate_filter(scene.image)
+    values = scene.depth.values
+    return estimate_filter(scene.image, values if values.shape == scene.image.shape[:2] else None)

@@ -1,8 +1,10 @@
 """Scene: a picture, its depth map, and further information of its file."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,7 @@ from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress, part_of
+from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.depth.depth_source import (
     DepthMap,
     DepthSource,
@@ -28,7 +31,8 @@ from bokehnet.scene.depth.depth_source import (
     depth_source,
     unit_of_picture_depth,
 )
-from bokehnet.scene.focus import FocusedLens, check_focus
+from bokehnet.scene.focus import FocusedLens
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.known_edges import check_matte, deep_surfaces, read_matte
 from bokehnet.settings.settings import DepthSettings, RenderSettings
 
@@ -112,6 +116,10 @@ class FocusedScene:
         supersampled: Size of the arrays and the window relative to the result: 1 or 2. Blur radii are in
             pixels of these arrays.
         layers: Successive surfaces with their blur radii, where they are known.
+        focus_again: Function that :meth:`refocus` calls; None if the picture was not kept.
+        assumptions: Values and facts that neither settings nor files define, a few words each.
+        light: Recovered light for the summary, a few words; empty if none was recovered.
+        bars: Black bars around these arrays in the picture; None without bars.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -138,6 +146,39 @@ class FocusedScene:
     known: KnownSurfaces | None = None
     supersampled: int = 1
     layers: Layers | None = None
+    assumptions: tuple[str, ...] = ()
+    bars: BlackBars | None = None
+    light: str = ""
+    focus_again: Callable[..., "FocusedScene"] | None = field(default=None, repr=False)
+
+    def refocus(self, value: float | None = None, **focus: Any) -> "FocusedScene":
+        """Return the scene with another focus, without another repair of its map.
+
+        Args:
+            value: Disparity in focus, 0 to 1; with metric depth the distance, metres.
+            **focus: Fields of :class:`~bokehnet.settings.settings.FocusSettings` instead, such as
+                ``at=(120, 80)`` or ``range=(0.4, 0.6)``. Without any the focus falls on the subject.
+
+        Raises:
+            ParameterError: The picture was not kept, or a value does not apply to the map.
+
+        Examples:
+            >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
+            >>> from bokehnet.render.renderer import BokehRenderer
+            >>> flat = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.75))
+            >>> changes = {"camera": {"blur": 8}, "focus": {"value": 0.5}}
+            >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(changes))
+            >>> float(focused.refocus(0.25).defocus.max())  # pixels
+            4.0
+        """
+        if self.lens is None or self.focus_again is None:
+            expected = "a scene prepared by a renderer that keeps pictures, without `engine.max_memory`"
+            if self.lens is None:
+                expected = "a scene with a depth map; a defocus map is already focused"
+            raise ParameterError("refocus", expected, shown="another")
+        if value is not None:
+            focus = {"value" if self.lens.camera is None else "distance": value, **focus}
+        return self.focus_again(**focus)
 
 
 def make_scene(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bokehnet.io.channels import write_channels
-from bokehnet.optics.over import transmittance
+from bokehnet.optics.pixels.over import transmittance
 from bokehnet.raytrace.peeling import Peeled
 
 __all__ = ["save_layers"]

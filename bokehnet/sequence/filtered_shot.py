@@ -1,59 +1,47 @@
 """Temporally filtered maps of a shot, stored in a folder until the last frame is rendered."""
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.depth_repair.stages.edge_sharpening import (
-    MIN_EDGE_HEIGHT,
-    local_extremes,
-    repair_soft_edges,
-    soft_edge_fraction,
-)
-from bokehnet.depth_repair.stages.weighted_median import snap_blurred_edges
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import local_extremes
+from bokehnet.depth_repair.stages.deblur import snap_soft_edges
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction
 from bokehnet.errors import ImageFileError
-from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
+from bokehnet.io.files.atomic import write_text
 from bokehnet.progress import Progress, ignore_progress
-from bokehnet.sequence.temporal_filter import TemporalStatistics, accumulate, filtered_map
+from bokehnet.sequence.temporal_filter import REACH_FRAMES, FilteredFrame, FrameWindow
 
 __all__ = ["FilteredShot"]
 
 Array = npt.NDArray[np.float32]
 
-# Sharpness of the edges is measured in every eighth frame; edges count as sharp up to this fraction of soft
-# edge pixels.
+# Sharpness of the edges is measured in frames whose number is a multiple of this; edges count as sharp up to
+# this fraction of soft edge pixels.
 _SHARPNESS_INTERVAL_FRAMES, _MAX_SOFT_FRACTION = 8, 0.3
 
 # Distance from a depth edge within which a map follows the picture's colours.
 _EDGE_RADIUS_PX = 2
 
+# Change of a value, as a fraction of the range, from which the filter may have softened an edge.
+_MIN_CHANGE = 0.01
+
 _DONE_FILE = "steady.json"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _MapStatistics:
-    """Value range and sharpness of the maps of a shot.
-
-    Attributes:
-        scale: Largest absolute value of the first map.
-        span: Value range of all maps, in units of ``scale``.
-        sharp: True if the edges of the maps are sharp.
-    """
-
-    scale: float
-    span: float
-    sharp: bool
 
 
 class FilteredShot:
     """Maps of a shot, filtered along its motion (:mod:`bokehnet.sequence.temporal_filter`).
 
-    During filtering the folder holds 23 bytes for each pixel of the shot, afterwards 4.
+    The map of a frame depends on the frames within the reach of the filter alone, so that a part of a shot
+    has the maps of the entire shot if the frames around it are read too. During filtering the folder holds
+    6 bytes for each pixel of 49 frames, and afterwards 4 for each pixel of the shot.
 
     Args:
         folder: Folder of the maps; created if absent.
@@ -68,112 +56,125 @@ class FilteredShot:
         return (self.folder / _DONE_FILE).exists()
 
     def filter(
-        self, frames: Iterable[tuple[Array, Array] | None], count: int, progress: Progress | None = None
+        self,
+        frames: Iterable[tuple[Array, Array] | None],
+        numbers: Sequence[int],
+        progress: Progress | None = None,
+        *,
+        selected: Collection[int] | None = None,
     ) -> None:
         """Read all frames once and store their filtered maps; does nothing if they exist.
 
         Args:
             frames: Frames in time order: scene-linear picture (H, W, 3) and map (H, W); None for an
                 unreadable frame, which gets no map. A change of size starts another shot.
-            count: Number of frames.
+            numbers: Number of each frame, ascending; differences are distances in time.
             progress: Called with (steps done, total steps).
+            selected: Numbers of the frames that get a map. Default: all.
 
         Raises:
             ImageFileError: The folder cannot be written.
         """
         if self.is_done:
             return
+        chosen = set(numbers if selected is None else selected)
         report = progress or ignore_progress
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            statistics = self._accumulate_forward(frames, count, report)
-            present = [index for index in range(count) if self._file("map", index).exists()]
-            self._filter_backward(present, statistics, count, report)
-            summary = {"frames": len(present), "sharp": statistics.sharp}
-            write_text(self.folder / _DONE_FILE, json.dumps(summary))
+            for number in chosen:
+                self._file(number).unlink(missing_ok=True)
+            count = 0
+            for done, filtered in self._filtered(frames, numbers, chosen):
+                report(done, len(numbers))
+                if filtered is not None:
+                    np.save(self._file(filtered.number), filtered.values)
+                    count += 1
+            report(len(numbers), len(numbers))
+            write_text(self.folder / _DONE_FILE, json.dumps({"frames": count}))
         except OSError as error:
             reason = error.strerror or str(error)
             raise ImageFileError(f"{self.folder}: steady maps cannot be stored there: {reason}") from error
 
-    def has(self, index: int) -> bool:
+    def has(self, number: int) -> bool:
         """Return whether a frame has a map."""
-        return self._file("map", index).exists()
+        return self._file(number).exists()
 
-    def read(self, index: int) -> Array:
+    def read(self, number: int) -> Array:
         """Return the filtered map of a frame, (H, W), in the unit of the maps.
 
         Raises:
             ImageFileError: The map does not exist.
         """
         try:
-            values: Array = np.load(self._file("map", index)).astype(np.float32)
+            values: Array = np.load(self._file(number)).astype(np.float32)
         except (OSError, ValueError) as error:
             raise ImageFileError(
-                f"{self._file('map', index)}: expected a map of the shot, found none; start again"
+                f"{self._file(number)}: expected a map of the shot, found none; start again"
             ) from error
         return values
 
-    def _accumulate_forward(
-        self, frames: Iterable[tuple[Array, Array] | None], count: int, report: Progress
-    ) -> _MapStatistics:
-        """Store all maps and pictures with the statistics accumulated from the first frame on."""
-        past, scale, low, high = None, 0.0, np.inf, -np.inf
-        softness: list[float] = []
-        for index, frame in enumerate(frames):
-            for name in ("picture", "past", "map"):
-                self._file(name, index).unlink(missing_ok=True)
-            report(index, 2 * count)
-            if frame is None:
-                continue
-            image, values = frame
-            scale = scale or float(np.abs(values).max()) or 1.0
-            values = values / np.float32(scale)
-            low, high = min(low, float(values.min())), max(high, float(values.max()))
-            if len(softness) <= index / _SHARPNESS_INTERVAL_FRAMES:
-                softness.append(soft_edge_fraction(values, by_size=False))
-            picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
-            past = accumulate(values, _light(picture), _if_same_size(past, values))
-            np.save(self._file("picture", index), picture)
-            np.save(self._file("past", index), past.moments)
-            np.save(self._file("map", index), values.astype(np.float32))
-        sharp = bool(softness) and float(np.median(softness)) <= _MAX_SOFT_FRACTION
-        return _MapStatistics(scale=scale, span=max(0.0, high - low), sharp=sharp)
+    def _filtered(
+        self, frames: Iterable[tuple[Array, Array] | None], numbers: Sequence[int], chosen: Collection[int]
+    ) -> Iterator[tuple[int, FilteredFrame | None]]:
+        """Yield the number of frames read, and each filtered frame once all frames within reach are read."""
+        window: FrameWindow | None = None
+        pending: list[int] = []
+        softness: dict[int, float] = {}
 
-    def _filter_backward(
-        self, indices: list[int], statistics: _MapStatistics, count: int, report: Progress
-    ) -> None:
-        """Replace the maps by the filtered ones, from the last frame back to the first."""
-        future = None
-        for index in reversed(indices):
-            picture = _light(np.load(self._file("picture", index)))
-            future = accumulate(np.load(self._file("map", index)), picture, _if_same_size(future, picture))
-            past = TemporalStatistics(
-                moments=np.load(self._file("past", index)), values=future.values, picture=picture
-            )
-            filtered = filtered_map(past, future)
-            if statistics.sharp:
-                filtered = _sharpened(filtered, picture, statistics.span)
-            np.save(self._file("map", index), np.float32(statistics.scale) * filtered)
-            for name in ("picture", "past"):
-                self._file(name, index).unlink()
-            report(2 * count - index, 2 * count)
+        def finished(before: float) -> Iterator[FilteredFrame]:
+            while window is not None and pending and pending[0] + REACH_FRAMES < before:
+                yield _sharpened(window, pending.pop(0), softness)
 
-    def _file(self, name: str, index: int) -> Path:
-        return self.folder / f"{name}_{index:06d}.npy"
+        try:
+            for done, (number, frame) in enumerate(zip(numbers, frames, strict=True)):
+                yield done, None
+                if frame is None:
+                    continue
+                image, values = frame
+                changed = window is not None and window.shape != values.shape
+                for filtered in finished(math.inf if changed else number):
+                    yield done, filtered
+                if window is None or changed:
+                    if window is not None:
+                        window.close()
+                    window, softness = FrameWindow(self.folder, values.shape), {}
+                picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
+                window.add(number, picture, values)
+                if number in chosen:
+                    pending.append(number)
+            for filtered in finished(math.inf):
+                yield len(numbers), filtered
+        finally:
+            if window is not None:
+                window.close()
+
+    def _file(self, number: int) -> Path:
+        return self.folder / f"map_{number:06d}.npy"
 
 
-def _if_same_size(before: TemporalStatistics | None, values: Array) -> TemporalStatistics | None:
-    """Return the statistics of the neighbour, or None if the size has changed."""
-    return before if before is not None and before.values.shape == values.shape[:2] else None
+def _sharpened(window: FrameWindow, number: int, softness: dict[int, float]) -> FilteredFrame:
+    """Return a filtered map whose edges, where averaging has softened them, are sharp again.
 
+    Edges snap to those of the picture if the edges of the unfiltered maps within reach are sharp.
 
-def _sharpened(filtered: Array, picture: Array, span: float) -> Array:
-    """Return the map with edges, softened by averaging, snapped to the picture's colour edges."""
-    sharp = repair_soft_edges(filtered, span)
+    Args:
+        window: Frames within reach.
+        number: Number of the frame.
+        softness: Fractions of soft edge pixels by frame, filled on demand.
+    """
+    filtered = window.filtered(number)
+    probes = [n for n in filtered.neighbours if n % _SHARPNESS_INTERVAL_FRAMES == 0]
+    for probe in probes or filtered.neighbours[:1]:
+        if probe not in softness:
+            softness[probe] = soft_edge_fraction(window.values_of(probe), by_height=False)
+    is_sharp = np.median([softness[n] for n in probes or filtered.neighbours[:1]]) <= _MAX_SOFT_FRACTION
+    span, values = filtered.span, filtered.values
+    change = np.abs(values - filtered.original)
+    if not is_sharp or change.max() <= _MIN_CHANGE * span:
+        return filtered
+    sharp = repair_soft_edges(values, span)
     low, high = local_extremes(sharp, _EDGE_RADIUS_PX)
-    light = np.asarray(srgb_to_linear(picture), np.float32)
-    return np.asarray(snap_blurred_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span), np.float32)
-
-
-def _light(picture: npt.NDArray[np.uint8]) -> Array:
-    return np.asarray(picture / np.float32(255), np.float32)
+    light = np.asarray(srgb_to_linear(filtered.picture / np.float32(255)), np.float32)
+    sharp = snap_soft_edges(light, sharp, high - low > MIN_EDGE_HEIGHT * span, span)
+    softened = local_extremes(change, _EDGE_RADIUS_PX)[1] > _MIN_CHANGE * span
+    return replace(filtered, values=np.where(softened, sharp, values).astype(np.float32))

@@ -1,12 +1,13 @@
 """Frame numbers and the names of numbered files: ``1001-1100x2`` and ``shot.####.exr``."""
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from bokehnet.errors import ParameterError
 
-__all__ = ["format_frames", "frame_path", "is_pattern", "parse_frames"]
+__all__ = ["existing_frames", "format_frames", "frame_path", "is_pattern", "parse_frames"]
 
 # Frame number in a file name: #### or %04d, one # or digit for each digit.
 _NUMBER = re.compile(r"#+|%(?:0(\d{1,2}))?d")
@@ -84,3 +85,27 @@ def frame_path(path: Path, frame: int) -> Path:
     last = placeholders[-1]
     width = len(last[0]) if last[0][0] == "#" else int(last[1] or 1)
     return path.with_name(f"{path.name[: last.start()]}{frame:0{width}d}{path.name[last.end() :]}")
+
+
+def existing_frames(path: Path) -> set[int]:
+    """Return the frames whose files exist, for a path with a placeholder.
+
+    Examples:
+        >>> for name in ("shot.0007.exr", "shot.12.exr", "shot.0009.png"):
+        ...     Path(name).touch()
+        >>> existing_frames(Path("shot.####.exr"))
+        {7}
+    """
+    last = list(_NUMBER.finditer(path.name))[-1]
+    before, after = path.name[: last.start()], path.name[last.end() :]
+    try:
+        names = [entry.name for entry in os.scandir(path.parent)]
+    except OSError:  # reported when a frame is read
+        return set()
+    frames = set()
+    for name in names:
+        digits = name[len(before) : len(name) - len(after)]
+        if name.startswith(before) and name.endswith(after) and re.fullmatch(r"[0-9]{1,9}", digits):
+            frames.add(int(digits))
+    known = set(names)
+    return {frame for frame in frames if frame_path(path, frame).name in known}

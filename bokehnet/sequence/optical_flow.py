@@ -6,7 +6,7 @@ import numpy.typing as npt
 from bokehnet.arrays.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 from bokehnet.checks import check_image, check_same_size
 
-__all__ = ["box_mean", "optical_flow", "warp"]
+__all__ = ["box_mean", "coarse_flow", "full_flow", "optical_flow", "warp"]
 
 Array = npt.NDArray[np.float32]
 
@@ -56,6 +56,15 @@ def optical_flow(first: Array, second: Array) -> Array:
     for name, picture in (("first", first), ("second", second)):
         check_image(name, picture)
     check_same_size("first", first, "second", second)
+    return full_flow(coarse_flow(first, second), first.shape[:2])
+
+
+def coarse_flow(first: Array, second: Array) -> Array:
+    """Return the motion at the size at which it is estimated, (h, w, 2), pixels of that size.
+
+    The size is that of the pictures, halved until the longest side is at most 640 pixels. See
+    :func:`optical_flow` for the arguments.
+    """
     sizes = [(_grey(first), _grey(second))]
     while max(sizes[0][0].shape) > _MAX_SIDE_PX:
         sizes[0] = _halves(sizes[0])
@@ -67,8 +76,13 @@ def optical_flow(first: Array, second: Array) -> Array:
         for _ in range(_ITERATIONS):
             flow = _updated(source, target, flow)
         flow = _simplified(source, target, flow)
-    while flow.shape[:2] != first.shape[:2]:
-        above = tuple(-(-side // _factor(first.shape, flow.shape)) for side in first.shape[:2])
+    return flow
+
+
+def full_flow(flow: Array, shape: tuple[int, ...]) -> Array:
+    """Return a coarse flow at the size (H, W) of its pictures, in their pixels."""
+    while flow.shape[:2] != tuple(shape):
+        above = tuple(-(-side // _factor(shape, flow.shape)) for side in shape)
         flow = _upsampled(flow, above)
     return flow
 

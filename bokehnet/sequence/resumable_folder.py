@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.atomic import remove_leftovers, write_text
+from bokehnet.io.files.atomic import remove_leftovers, write_text
 
 __all__ = ["claim_folder", "exclusive_folder", "file_signature"]
 

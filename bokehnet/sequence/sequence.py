@@ -11,13 +11,16 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from bokehnet.errors import ConfigError, ParameterError
-from bokehnet.io.text import read_text
+from bokehnet.errors import ConfigError, ParameterError, errors_of_file
+from bokehnet.io.files.text import read_text
 from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
 from bokehnet.settings.fields import Group, field_settings, setting
 from bokehnet.settings.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from bokehnet.sequence.tracking import TrackedPoint  # imports NumPy
 
 __all__ = [
     "PULL_PARAMETERS",
@@ -35,11 +38,20 @@ _PATHS = {
     "focus_distance": "focus.distance",
     "f_number": "camera.f_number",
     "blur": "camera.blur",
+    "focus_at_x": "focus.at",
+    "focus_at_y": "focus.at",
 }
 
 # Parameters of a pull; True if interpolated linearly in the inverse: blur radii are linear in disparity, the
 # inverse distance, and in the pupil diameter, which is inverse to the f-number.
 PULL_PARAMETERS = {"focus": False, "focus_distance": True, "f_number": True, "blur": False}
+PULL_PARAMETERS |= {"focus_at_x": False, "focus_at_y": False}
+
+
+def _parse_track(text: str) -> tuple[int, ...]:
+    pixel, _, frame = text.partition("@")
+    x, y = (int(part) for part in pixel.split(","))
+    return (x, y, int(frame)) if frame else (x, y)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,9 +86,18 @@ class SequenceSettings(Group):
     f_number_to: float | None = setting(None, "F-number of the last frame; linear in blur between.")
     blur_from: float | None = setting(None, "With --frames: --blur of the first frame.")
     blur_to: float | None = setting(None, "Blur of the last frame.")
+    track: tuple[int, ...] | None = setting(
+        None,
+        "Focus on the thing at this pixel of the first frame, or of FRAME, and follow it through the shot.",
+        metavar="X,Y[@FRAME]",
+        parse=_parse_track,
+        low=0,
+        expected="a pixel X,Y, or X,Y@FRAME",
+    )
     file: Path | None = setting(
         None,
-        "With --frames: columns frame and focus, focus_distance, f_number, blur; linear between its rows.",
+        "With --frames: columns frame and focus, focus_distance, f_number, blur, or focus_at_x and "
+        "focus_at_y; linear between its rows.",
         flag="pull",
         metavar="FILE.csv",
     )
@@ -106,13 +127,20 @@ class Pull:
         return {name: _value_at(frame, keys, PULL_PARAMETERS[name]) for name, keys in self.keys.items()}
 
 
-def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool) -> Pull:
+def make_pull(
+    frames: Sequence[int],
+    settings: SequenceSettings,
+    *,
+    metric: bool,
+    path: "Sequence[TrackedPoint]" = (),
+) -> Pull:
     """Return the pull over the frames.
 
     Args:
         frames: Frames in ascending order.
         settings: Ends of the pull, or a file of keys.
         metric: True if focus is in metres, False for relative disparity.
+        path: Positions of the thing that ``settings.track`` follows.
 
     Raises:
         ParameterError: Only one end is set, or ends as well as a file.
@@ -123,7 +151,7 @@ def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool
         >>> pull.at(2)
         {'focus': 0.5}
     """
-    keys = {}
+    keys: dict[str, Sequence[tuple[int, float]]] = {}
     for name, option in (
         ("focus_distance" if metric else "focus", "focus"),
         ("f_number",) * 2,
@@ -145,7 +173,15 @@ def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool
                 shown="one",
             )
         keys[name] = [(frames[0], first), (frames[-1], last)]
-    return Pull(keys=keys) if settings.file is None else read_pull(settings.file)
+    keys = keys if settings.file is None else dict(read_pull(settings.file).keys)
+    if path:
+        clash = next((name for name in keys if name.startswith("focus")), None)
+        if clash is not None:
+            shown, remedy = f"a pull of {clash}", "leave one out"
+            raise ParameterError("sequence.track", expected="no other focus", shown=shown, remedy=remedy)
+        keys["focus_at_x"] = [(point.number, point.x) for point in path]
+        keys["focus_at_y"] = [(point.number, point.y) for point in path]
+    return Pull(keys=keys)
 
 
 def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = None) -> RenderSettings:
@@ -171,7 +207,11 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
     disparity = settings.input.disparity
     if disparity is not None and is_pattern(disparity):
         changes["depth"]["as_stored"] = True
-    for name, value in ({} if pull is None else pull.at(frame)).items():
+    pulled: dict[str, Any] = {} if pull is None else dict(pull.at(frame))
+    if "focus_at_x" in pulled:
+        pixel = (round(pulled.pop("focus_at_x")), round(pulled.pop("focus_at_y")))
+        pulled = {"focus_at_x": pixel, **pulled}
+    for name, value in pulled.items():
         group, _, field_name = _PATHS[name].partition(".")
         if getattr(getattr(settings, group), field_name) is not None:
             raise ParameterError(
@@ -209,7 +249,11 @@ def read_pull(path: Path) -> Pull:
         >>> read_pull(Path("pull.csv")).at(1002)
         {'blur': 40.0}
     """
-    text = read_text(path, expected="a CSV file")
+    with errors_of_file(path, "a CSV file", ConfigError):
+        return _pull_of(path, read_text(path, expected="a CSV file"))
+
+
+def _pull_of(path: Path, text: str) -> Pull:
     try:
         rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
         names = [name.strip() for name in rows.fieldnames or ()]
@@ -218,6 +262,8 @@ def read_pull(path: Path) -> Pull:
         keys = _read_keys(path, rows, names)
     except csv.Error as error:
         raise ConfigError(f"{path}: expected a CSV file, found an error: {error}") from error
+    if ("focus_at_x" in keys) != ("focus_at_y" in keys):
+        raise ConfigError(f"{path}: expected both columns focus_at_x and focus_at_y, found one")
     empty = [name for name, values in keys.items() if not values]
     if empty or not keys:
         raise ConfigError(f"{path}: expected a value in each column, found none for {', '.join(empty)}")

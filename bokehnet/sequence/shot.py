@@ -1,8 +1,8 @@
 """Decisions for all frames of a shot: temporally filtered maps, and the plan of their repair."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,16 +11,26 @@ import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.errors import BokehnetError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.files.atomic import write_text
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, depth_source
 from bokehnet.scene.scene import Scene, map_at_picture_size
 from bokehnet.sequence.filtered_shot import FilteredShot
+from bokehnet.sequence.temporal_filter import REACH_FRAMES
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["FilteredDepth", "Shot", "ShotFrames", "analyse_shot", "can_filter_maps", "open_source"]
+__all__ = [
+    "FilteredDepth",
+    "Shot",
+    "ShotFrames",
+    "analyse_shot",
+    "can_filter_maps",
+    "frames_of_shot",
+    "open_source",
+    "probe_frames",
+]
 
 Array = npt.NDArray[np.float32]
 
@@ -34,6 +44,7 @@ class Shot:
     Attributes:
         plan: Plan of the repair of its maps; None if the settings fix it, or each frame decides.
         steady: Filtered maps; None if the maps are used unfiltered.
+        around: Number of frames that were read in addition to those to render.
 
     Examples:
         >>> Shot().source(0, RenderSettings()) is None
@@ -42,13 +53,14 @@ class Shot:
 
     plan: RepairPlan | None = None
     steady: FilteredShot | None = None
+    around: int = 0
 
-    def source(self, index: int, settings: RenderSettings) -> DepthSource | None:
+    def source(self, number: int, settings: RenderSettings) -> DepthSource | None:
         """Return the source of filtered depth of a frame; None if its settings define the source."""
-        if self.steady is None or not self.steady.has(index):
+        if self.steady is None or not self.steady.has(number):
             return None
         own = depth_source(settings)
-        return FilteredDepth(shot=self.steady, index=index, origin=own.origin, kind=own.kind or "relative")
+        return FilteredDepth(shot=self.steady, number=number, origin=own.origin, kind=own.kind or "relative")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,22 +69,22 @@ class FilteredDepth:
 
     Attributes:
         shot: Filtered maps of the shot.
-        index: Index of the frame in the shot.
+        number: Number of the frame in the shot.
         origin: Setting that names the original maps.
         kind: Kind of the original maps.
 
     Examples:
         >>> maps = FilteredShot(Path("maps"))
         >>> image, values = np.ones((32, 32, 3), np.float32), np.full((32, 32), 0.25, np.float32)
-        >>> maps.filter([(image, values)] * 3, 3)
-        >>> source = FilteredDepth(shot=maps, index=1, origin="input.disparity", kind="relative")
+        >>> maps.filter([(image, values)] * 3, range(3))
+        >>> source = FilteredDepth(shot=maps, number=1, origin="input.disparity", kind="relative")
         >>> from bokehnet.scene.scene import make_scene
         >>> float(make_scene(image, source).depth.values[0, 0])
         0.25
     """
 
     shot: FilteredShot
-    index: int
+    number: int
     origin: str
     kind: Kind
 
@@ -84,18 +96,21 @@ class FilteredDepth:
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
         camera = photo.camera if self.kind == "metric" else None
-        return DepthMap(values=self.shot.read(self.index), kind=self.kind, origin=self.origin, camera=camera)
+        return DepthMap(values=self.shot.read(self.number), kind=self.kind, origin=self.origin, camera=camera)
 
 
 class ShotFrames(Protocol):
     """Frames of a shot, from any source.
 
     Attributes:
-        count: Number of frames.
+        numbers: Numbers of all frames that may be read, ascending: those to render, those within reach of the
+            temporal filter, and those that decide about the repair.
+        selected: Numbers of the frames to render.
+        probes: Numbers of the frames that decide about the repair.
 
     Examples:
         >>> class Black:  # two equal black frames
-        ...     count = 2
+        ...     numbers = selected = probes = (0, 1)
         ...     def settings_of(self, index):
         ...         return RenderSettings().updated({"camera": {"blur": 1}, "focus": {"value": 0}})
         ...     def scenes(self, indices, shot):
@@ -108,12 +123,22 @@ class ShotFrames(Protocol):
     """
 
     @property
-    def count(self) -> int:
-        """Number of frames."""
+    def numbers(self) -> Sequence[int]:
+        """Numbers of all frames that may be read, ascending."""
+        ...
+
+    @property
+    def selected(self) -> Collection[int]:
+        """Numbers of the frames to render."""
+        ...
+
+    @property
+    def probes(self) -> Collection[int]:
+        """Numbers of the frames that decide about the repair."""
         ...
 
     def settings_of(self, index: int) -> RenderSettings:
-        """Return the settings of a frame, counted from 0."""
+        """Return the settings of a frame, by its index in ``numbers``."""
         ...
 
     def scenes(self, indices: Sequence[int], shot: Shot) -> Iterator[Scene | None]:
@@ -162,19 +187,22 @@ def analyse_shot(
 
     Examples:
         >>> class Frames:  # a minimal shot; see VideoJob
-        ...     count = 1
+        ...     numbers = selected = probes = (0,)
         ...     def settings_of(self, index):
         ...         return RenderSettings()
         ...     def scenes(self, indices, shot):
         ...         return iter(())
         >>> analyse_shot(Frames(), BokehRenderer("scatter"), folder=None, steady=False)
-        Shot(plan=None, steady=None)
+        Shot(plan=None, steady=None, around=0)
     """
     maps = FilteredShot(folder / "maps") if steady and folder is not None else None
     if maps is not None and not maps.is_done:
-        maps.filter(_frames_with_maps(frames), frames.count, begin("steadying the maps"))
-    shot = Shot(steady=maps)
-    if frames.count < 2 or frames.settings_of(0).depth.repair != "auto":
+        near = _frames_within_reach(frames)
+        numbers = [frames.numbers[index] for index in near]
+        progress = begin("steadying the maps")
+        maps.filter(_frames_with_maps(frames, near), numbers, progress, selected=frames.selected)
+    shot = Shot(steady=maps, around=0 if maps is None else len(frames.numbers) - len(frames.selected))
+    if len(frames.numbers) < 2 or frames.settings_of(0).depth.repair != "auto":
         return shot
     plan_file = None if folder is None else folder / "repair.json"
     if plan_file is not None and plan_file.exists():
@@ -183,10 +211,12 @@ def analyse_shot(
             None if table is None else RepairPlan(**{**table, "offset": tuple(table.get("offset", (0, 0)))})
         )
     else:
-        plan = _plan(frames, renderer, shot, begin("looking at the shot"))
+        plan = _plan(frames, renderer, begin("looking at the shot"))
+        if plan is not None and steady:  # what the filter leaves of it differs from the noise of the probes
+            plan = replace(plan, noise=None)
         if plan_file is not None:
             write_text(plan_file, json.dumps(None if plan is None else asdict(plan)))
-    return Shot(plan=plan, steady=maps)
+    return replace(shot, plan=plan)
 
 
 def open_source(settings: RenderSettings) -> DepthSource:
@@ -201,8 +231,48 @@ def open_source(settings: RenderSettings) -> DepthSource:
     return source.opened() if isinstance(source, NetworkDepth) else source
 
 
-def _frames_with_maps(frames: ShotFrames) -> Iterator[tuple[Array, Array] | None]:
-    for index, scene in enumerate(frames.scenes(range(frames.count), Shot())):
+def probe_frames(numbers: Sequence[int]) -> list[int]:
+    """Return the frames that decide about the repair of a shot: five, evenly spaced.
+
+    Examples:
+        >>> probe_frames(range(101, 142))
+        [101, 111, 121, 131, 141]
+    """
+    last = len(numbers) - 1
+    return sorted({numbers[round(fraction * last)] for fraction in np.linspace(0, 1, _PROBE_FRAMES)})
+
+
+def frames_of_shot(existing: Collection[int], selected: Collection[int]) -> list[int]:
+    """Return the existing frames of the shots that some frames belong to, ascending.
+
+    Frames that are farther apart than the reach of the temporal filter belong to different shots.
+
+    Examples:
+        >>> frames_of_shot([1, 2, 3, 1001, 1002], selected=[2])
+        [1, 2, 3]
+    """
+    shots: list[list[int]] = []
+    for number in sorted(existing):
+        if shots and number - shots[-1][-1] <= REACH_FRAMES:
+            shots[-1].append(number)
+        else:
+            shots.append([number])
+    return [number for shot in shots if not set(selected).isdisjoint(shot) for number in shot]
+
+
+def _frames_within_reach(frames: ShotFrames) -> list[int]:
+    """Return the indices of the frames within reach of those to render."""
+    selected = np.sort(np.fromiter(frames.selected, np.int64))
+    numbers = np.asarray(frames.numbers, np.int64)
+    after = np.searchsorted(selected, numbers - REACH_FRAMES)  # first selected frame not too far before
+    near = (after < len(selected)) & (
+        selected[np.minimum(after, len(selected) - 1)] <= numbers + REACH_FRAMES
+    )
+    return [int(index) for index in np.flatnonzero(near)]
+
+
+def _frames_with_maps(frames: ShotFrames, indices: Sequence[int]) -> Iterator[tuple[Array, Array] | None]:
+    for index, scene in zip(indices, frames.scenes(indices, Shot()), strict=True):
         try:
             frame = None
             if scene is not None:
@@ -213,12 +283,14 @@ def _frames_with_maps(frames: ShotFrames) -> Iterator[tuple[Array, Array] | None
         yield frame
 
 
-def _plan(frames: ShotFrames, renderer: BokehRenderer, shot: Shot, report: Progress) -> RepairPlan | None:
-    """Return the common repair plan of the probe frames; None if no map of them may be repaired."""
-    last = frames.count - 1
-    probes = sorted({round(fraction * last) for fraction in np.linspace(0, 1, _PROBE_FRAMES)})
+def _plan(frames: ShotFrames, renderer: BokehRenderer, report: Progress) -> RepairPlan | None:
+    """Return the common repair plan of the probe frames; None if no map of them may be repaired.
+
+    Probes keep their unfiltered maps, so that a part of a shot reads no other frames around them.
+    """
+    probes = [index for index, number in enumerate(frames.numbers) if number in set(frames.probes)]
     plans: list[RepairPlan] = []
-    for done, (index, scene) in enumerate(zip(probes, frames.scenes(probes, shot), strict=True)):
+    for done, (index, scene) in enumerate(zip(probes, frames.scenes(probes, Shot()), strict=True)):
         report(done, len(probes))
         try:
             probe_plan: Any = scene and renderer.prepare(scene, frames.settings_of(index)).repair_plan

@@ -1,166 +1,232 @@
-"""Temporal filter of the maps of a shot: a line is fitted to each value over time, along its pixel's motion.
+"""Temporal filter of the maps of a shot: polynomials are fitted to each value along its pixel's motion.
 
-The noise of a map differs in each frame, and edges jump between pixels; real structure remains or changes
-linearly along the motion of the picture. The weight of a frame falls by a constant factor with its distance
-in time, so that a fit over all frames takes two passes, one forward and one backward. The statistics of a
-pixel move unchanged to the nearest pixel, with the remaining subpixel offset: interpolated, they would spread
-over edges from frame to frame. Values are differences from the frame's own, so that a shot of equal frames
-keeps its map bit by bit. The slope of a line is shrunk according to its standard error: at jumping edges it
-would otherwise differ in each frame.
+The noise of a map differs in each frame, and edges jump between pixels; real structure remains, or changes
+smoothly along the motion of the picture. A frame's map is a function of the frames within
+:data:`REACH_FRAMES`, so that any part of a shot gets the same maps as the entire shot. A cubic is fitted to
+the values along each trajectory; each degree, and the cubics of narrower windows, count as far as their
+energy exceeds that of the noise. The noise is measured by fourth differences over time, which are zero for
+constant velocity, constant acceleration and evenly rising acceleration: without noise such motion passes
+unchanged, with noise the result of a level scene is the mean. Fewer than five frames cannot separate noise
+from motion, and remain unchanged. Colours that change along a trajectory end it.
 
 Source:
+    Fan and Gijbels, "Local polynomial modelling and its applications", 1996, for the fits; von Neumann,
+    "Distribution of the ratio of the mean square successive difference to the variance", Annals of
+    Mathematical Statistics 1941, for noise from differences, here fourth ones; Breiman, "Better subset
+    regression using the nonnegative garrote", Technometrics 1995, for the shrinkage. Trajectories follow
     Brailean et al., "Noise reduction filters for dynamic image sequences: a review", Proceedings of the IEEE
-    1995, for recursive filters along motion; Cleveland, "Robust locally weighted regression and smoothing
-    scatterplots", JASA 1979, for lines instead of means, which lag at both ends of a shot; James and Stein,
-    "Estimation with quadratic loss", Berkeley Symposium 1961, for the shrinkage of the slope. The combination
-    of a forward and a backward filter is original to this package.
+    1995. The hierarchy of windows is original to this package.
 """
 
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.sequence.optical_flow import box_mean, optical_flow, warp
+from bokehnet.sequence.optical_flow import box_mean, coarse_flow, full_flow, warp
+from bokehnet.sequence.trajectory_kernels import COMPONENTS, fit_trajectories
 
-__all__ = ["TemporalStatistics", "accumulate", "filtered_map"]
+__all__ = ["REACH_FRAMES", "FilteredFrame", "FrameWindow"]
 
 Array = npt.NDArray[np.float32]
-Half = npt.NDArray[np.float16]
 
-# Factor of the weight from frame to frame; the weight halves after 23 frames.
-_DECAY = 0.97
+# Frames before and after a frame that determine its map.
+REACH_FRAMES = 24
 
 # Root mean squared difference of encoded light at which the weight falls to 1/e.
 _COLOR_SIGMA = 0.06
 
-# Largest offset of statistics from their pixel; farther ones belong to another point.
-_MAX_OFFSET_PX = 1.0
+# Energies, in units of the variance of the noise, below which a component is noise: the 99.7 % quantiles of
+# chi squared with one and with four degrees of freedom.
+_SIGNIFICANCE_1, _SIGNIFICANCE_4 = 9.0, 16.3
 
-# Slopes below this squared multiple of their standard error are set to zero.
-_SLOPE_SIGNIFICANCE = 9.0
+# Half width of the window over which noise and energies are averaged.
+_POOLING_RADIUS_PX = 2
 
-# Ridge regularisation of the slope, squared frames: with few frames the fit is the mean.
-_SLOPE_RIDGE = 100.0
+# Weight of the median noise of a frame, in fourth differences, against those around a pixel.
+_PRIOR_DIFFERENCES = 3.0
 
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TemporalStatistics:
-    """Weighted statistics of a frame's map and of the frames on one side of it.
-
-    Attributes:
-        moments: Over frames at distances t from this one, with weights w and values that differ by d from
-            those of this frame: the sum of w, the means of t, t^2, d, t d and d^2, and the offset of the
-            tracked point from the pixel, right and down, pixels, (H, W, 8).
-        values: Map of the frame, (H, W).
-        picture: Encoded light of the frame, (H, W, 3).
-    """
-
-    moments: Half
-    values: Array
-    picture: Array
-
-
-def accumulate(values: Array, picture: Array, before: TemporalStatistics | None = None) -> TemporalStatistics:
-    """Add a frame's map to the statistics of the frames on one side of it.
-
-    Args:
-        values: Map of the frame, (H, W), any unit.
-        picture: Encoded light of the frame, (H, W, 3).
-        before: Statistics up to the neighbouring frame; None for the first frame, and if the size has
-            changed.
-
-    Examples:
-        >>> picture = np.full((32, 32, 3), 0.5, np.float32)
-        >>> first = accumulate(np.zeros((32, 32), np.float32), picture)
-        >>> second = accumulate(np.ones((32, 32), np.float32), picture, first)
-        >>> second.moments[0, 0].round(2).tolist()  # total weight 1.97; the other frame is lower by 1
-        [1.97, 0.49, 0.49, -0.49, -0.49, 0.49, 0.0, 0.0]
-    """
-    if before is None:
-        moments = np.zeros((*values.shape, 8), np.float16)
-        moments[..., 0] = 1
-        return TemporalStatistics(moments=moments, values=values, picture=picture)
-    flow = optical_flow(picture, before.picture)
-    change = make_in_row_blocks(
-        lambda rows: np.square(picture[rows] - warp(before.picture, flow[rows], rows.start)).mean(2),
-        values.shape,
-        np.float32,
-    )
-    similarity = np.exp(-box_mean(change, 1) / _COLOR_SIGMA**2) * _inside(flow)
-    weight = np.asarray(_DECAY * similarity, np.float32)
-    moments = make_in_row_blocks(
-        lambda rows: _added(rows, values, before, flow, weight), (*values.shape, 8), np.float16
-    )
-    return TemporalStatistics(moments=moments, values=values, picture=picture)
-
-
-def filtered_map(past: TemporalStatistics, future: TemporalStatistics) -> Array:
-    """Return a frame's map, (H, W), from a line fitted to both sides, each of which includes the frame.
-
-    Examples:
-        >>> picture, level = np.full((32, 32, 3), 0.5, np.float32), np.ones((32, 32), np.float32)
-        >>> rising = [accumulate(t * level, picture) for t in range(3)]
-        >>> past, future = (accumulate(level, picture, rising[t]) for t in (0, 2))
-        >>> float(filtered_map(past, future)[0, 0])
-        1.0
-    """
-
-    def make(rows: slice) -> Array:
-        w, t, tt, d, td, dd = _sums(future.moments[rows]) + _sums(past.moments[rows]) * _TIME_REVERSAL
-        w -= 1  # both sides include the frame itself
-        mean_time, spread = t / w, tt - t * t / w + _SLOPE_RIDGE
-        slope = (td - mean_time * d) / spread
-        explained = slope * slope * spread
-        residual = np.maximum(dd - d * d / w - explained, 0) / w
-        shrinkage = np.maximum(1 - _SLOPE_SIGNIFICANCE * residual / np.maximum(explained, _TINY), 0)
-        return np.asarray(future.values[rows] + d / w - shrinkage * slope * mean_time, np.float32)
-
-    return make_in_row_blocks(make, future.values.shape, np.float32)
-
-
-# Signs of the sums under reversal of time.
-_TIME_REVERSAL = np.array([1, -1, 1, 1, -1, 1], np.float32)[:, None, None]
+# Fraction of the range of values from which neighbours belong to different surfaces.
+_EDGE_FRACTION = 0.05
 
 _TINY = np.float32(1e-30)
 
 
-def _sums(moments: npt.NDArray[np.floating]) -> Array:
-    """Return the sums of w, w t, w t^2, w d, w t d and w d^2, (6, H, W)."""
-    sums = np.moveaxis(moments[..., :6].astype(np.float32), 2, 0)
-    sums[1:] *= sums[0]
-    return sums
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FilteredFrame:
+    """Filtered map of a frame.
+
+    Attributes:
+        number: Number of the frame.
+        original: Map of the frame, (H, W).
+        values: Filtered map, (H, W), in the same unit.
+        picture: Encoded light of the frame, (H, W, 3), 8 bits.
+        span: Range of the maps within reach.
+        neighbours: Numbers of the frames within reach, ascending.
+    """
+
+    number: int
+    original: Array
+    values: Array
+    picture: npt.NDArray[np.uint8]
+    span: float
+    neighbours: tuple[int, ...]
 
 
-def _added(rows: slice, values: Array, before: TemporalStatistics, flow: Array, weight: Array) -> Half:
-    """Return the moments of some rows of a frame, including all frames before it."""
-    height, width = values.shape
-    x, y = np.arange(width) + flow[rows, :, 0], np.arange(rows.start, rows.stop)[:, None] + flow[rows, :, 1]
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Entry:
+    """Frame of the window: its number, its place in the arrays, the extremes of its map, and its picture."""
 
-    def nearest(y: Array, x: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        line, column = np.rint(y).astype(np.intp), np.rint(x).astype(np.intp)
-        return np.clip(line, 0, height - 1), np.clip(column, 0, width - 1)
-
-    offset = before.moments[nearest(y, x)][..., 6:].astype(np.float32)
-    at = nearest(y - offset[..., 1], x - offset[..., 0])
-    moved = before.moments[at].astype(np.float32)
-    w, wt, wtt, wd, wtd, wdd = _sums(moved)
-    shift = np.asarray(before.values[at] - values[rows], np.float32)
-    wdd += shift * (2 * wd + shift * w)
-    wd, wtd = wd + shift * w, wtd + shift * wt
-    moments = np.stack([w, wt + w, wtt + 2 * wt + w, wd, wtd + wd, wdd, *np.moveaxis(moved[..., 6:], 2, 0)])
-    moments[6] += at[1] - x
-    moments[7] += at[0] - y
-    moments *= weight[rows] * (np.abs(moments[6:]).max(0) <= _MAX_OFFSET_PX)  # one frame farther away
-    moments[0] += 1
-    moments[1:6] /= moments[0]
-    return np.moveaxis(moments, 0, 2).astype(np.float16)
+    number: int
+    slot: int
+    low: float
+    high: float
+    picture: npt.NDArray[np.uint8]
 
 
-def _inside(flow: Array) -> npt.NDArray[np.bool_]:
-    """Return the mask of pixels whose motion ends inside the picture."""
-    height, width = flow.shape[:2]
+class FrameWindow:
+    """Frames of one size within reach of each other, stored in files of a folder.
+
+    A window of HD frames takes 600 MB of disk; what is in use stays in the page cache.
+
+    Args:
+        folder: Folder for the files.
+        shape: Height and width of the frames, pixels.
+
+    Examples:
+        >>> window = FrameWindow(Path("."), (32, 32))
+        >>> picture, level = np.full((32, 32, 3), 128, np.uint8), np.ones((32, 32), np.float32)
+        >>> for t in range(3):
+        ...     window.add(t, picture, np.float32(0.1 * t) * level)
+        >>> [round(float(window.filtered(t).values[0, 0]), 4) for t in range(3)]  # evenly rising
+        [0.0, 0.1, 0.2]
+    """
+
+    def __init__(self, folder: Path, shape: tuple[int, int]) -> None:
+        self.shape = shape
+        size = 2 * REACH_FRAMES + 1
+        self._free = deque(range(size))
+        self._entries: deque[_Entry] = deque()
+        self._folder = folder
+        self._values = self._store("values", (size, *shape), np.float32)
+        self._similarity = self._store("similarity", (2, size, *shape), np.uint8)
+        flow = coarse_flow(*(np.zeros((*shape, 3), np.float32),) * 2)
+        self._flow = self._store("flow", (2, size, *flow.shape), np.float32)
+        self._scale = 1
+        while -(-max(shape) // self._scale) > max(flow.shape):
+            self._scale *= 2
+
+    def add(self, number: int, picture: npt.NDArray[np.uint8], values: Array) -> None:
+        """Add the next frame; frames that are farther than twice the reach before it are dropped.
+
+        Args:
+            number: Number of the frame, above those before.
+            picture: Encoded light of the frame, (H, W, 3), 8 bits.
+            values: Map of the frame, (H, W), any unit.
+        """
+        while self._entries and self._entries[0].number < number - 2 * REACH_FRAMES:
+            self._free.append(self._entries.popleft().slot)
+        entry = _Entry(
+            number=number,
+            slot=self._free.popleft(),
+            low=float(values.min()),
+            high=float(values.max()),
+            picture=picture,
+        )
+        self._values[entry.slot] = values
+        if self._entries:
+            self._link(self._entries[-1], entry)
+        self._entries.append(entry)
+
+    def filtered(self, number: int) -> FilteredFrame:
+        """Return the filtered map of a frame, from all added frames within reach."""
+        window = [entry for entry in self._entries if abs(entry.number - number) <= REACH_FRAMES]
+        center = next(index for index, entry in enumerate(window) if entry.number == number)
+        span = max(entry.high for entry in window) - min(entry.low for entry in window)
+        components = np.empty((COMPONENTS, *self.shape), np.float32)
+        fit_trajectories(
+            self._values,
+            self._similarity,
+            self._flow,
+            np.array([entry.slot for entry in window], np.int64),
+            np.array([entry.number - number for entry in window], np.float64),
+            center,
+            float(self._scale),
+            float(REACH_FRAMES),
+            _EDGE_FRACTION * span,
+            components,
+        )
+        original = self._values[window[center].slot].copy()
+        return FilteredFrame(
+            number=number,
+            original=original,
+            values=_combined(original, components),
+            picture=window[center].picture,
+            span=span,
+            neighbours=tuple(entry.number for entry in window),
+        )
+
+    def values_of(self, number: int) -> Array:
+        """Return the unfiltered map of an added frame."""
+        slot = next(entry.slot for entry in self._entries if entry.number == number)
+        return self._values[slot].copy()
+
+    def close(self) -> None:
+        """Delete the files."""
+        for name in ("values", "similarity", "flow"):
+            self._file(name).unlink(missing_ok=True)
+
+    def _link(self, before: _Entry, after: _Entry) -> None:
+        """Store motion and similarity of two successive frames in both directions."""
+        first, second = (np.asarray(entry.picture / np.float32(255), np.float32) for entry in (before, after))
+        for direction, slot, source, target in (
+            (0, before.slot, first, second),
+            (1, after.slot, second, first),
+        ):
+            flow = coarse_flow(source, target)
+            self._flow[direction, slot] = flow
+            self._similarity[direction, slot] = _similarity(source, target, full_flow(flow, self.shape))
+
+    def _store(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[np.generic]:
+        return np.asarray(np.memmap(self._file(name), dtype, "w+", shape=shape))
+
+    def _file(self, name: str) -> Path:
+        return self._folder / f"window_{name}.dat"
+
+
+def _similarity(source: Array, target: Array, flow: Array) -> npt.NDArray[np.uint8]:
+    """Return the similarity of colours along the motion, 255 if equal, 0 where it leaves the picture."""
+    height, width = source.shape[:2]
+    change = make_in_row_blocks(
+        lambda rows: np.square(source[rows] - warp(target, flow[rows], rows.start)).mean(2),
+        (height, width),
+        np.float32,
+    )
     x, y = np.arange(width) + flow[..., 0], np.arange(height)[:, None] + flow[..., 1]
-    inside: npt.NDArray[np.bool_] = (x >= -0.5) & (y >= -0.5) & (x <= width - 0.5) & (y <= height - 0.5)
-    return inside
+    inside = (x >= -0.5) & (y >= -0.5) & (x <= width - 0.5) & (y <= height - 0.5)
+    return np.rint(255 * np.exp(-box_mean(change, 1) / _COLOR_SIGMA**2) * inside).astype(np.uint8)
+
+
+def _combined(original: Array, components: Array) -> Array:
+    """Return the sum of the mean and of the other components, each shrunk by the noise in its energy."""
+    squares, weights, mean = components[:3]
+    measured = weights > 0
+    median = float(np.median(squares[measured] / weights[measured])) if measured.any() else 0.0
+    area = (2 * _POOLING_RADIUS_PX + 1) ** 2
+    squares, weights = (area * box_mean(sums, _POOLING_RADIUS_PX) for sums in (squares, weights))
+    noise = (squares + _PRIOR_DIFFERENCES * median) / (weights + _PRIOR_DIFFERENCES)
+    result = original + mean
+    for contribution, energy, significance in _components(components):
+        pooled = np.maximum(box_mean(energy, _POOLING_RADIUS_PX), _TINY)
+        result += np.maximum(1 - significance * noise / pooled, 0) * contribution
+    return np.asarray(result, np.float32)
+
+
+def _components(components: Array) -> Iterator[tuple[Array, Array, float]]:
+    """Yield value, energy and significance of three degrees and of the cubics of narrower windows."""
+    for index in range(3, COMPONENTS, 2):
+        yield components[index], components[index + 1], _SIGNIFICANCE_1 if index < 9 else _SIGNIFICANCE_4

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.errors import ParameterError
-from bokehnet.io.atomic import check_target
+from bokehnet.io.files.atomic import check_target
+from bokehnet.io.video.display_matrix import DisplayMatrix
 from bokehnet.io.video.frames import (
     VIDEO_EXTENSIONS,
     VideoInfo,
@@ -24,12 +25,21 @@ from bokehnet.io.video.frames import (
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
+from bokehnet.render.result import RenderReport
+from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame
-from bokehnet.sequence.shot import Shot, analyse_shot, can_filter_maps, open_source
+from bokehnet.sequence.shot import (
+    FilteredDepth,
+    Shot,
+    analyse_shot,
+    can_filter_maps,
+    open_source,
+    probe_frames,
+)
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.version import __version__
 
@@ -52,6 +62,8 @@ class VideoReport:
         rendered: Number of frames rendered in this run.
         plan: Plan of the repair of the maps; None if they are not repaired.
         steady: True if the maps were filtered over time.
+        notes: Notices about the first rendered frame.
+        assumptions: Assumptions about it.
 
     Examples:
         >>> report = VideoReport(frames=240, rendered=48, plan=None, steady=True)
@@ -63,6 +75,55 @@ class VideoReport:
     rendered: int
     plan: RepairPlan | None
     steady: bool
+    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StoredDepth:
+    """Depth source that turns maps of the size of the stored picture like the picture.
+
+    Maps of the size of the shown picture stay as they are.
+
+    Attributes:
+        source: Source of the maps.
+        display: Transformation of the picture, which exchanges its axes.
+
+    Examples:
+        >>> from bokehnet.io.video.display_matrix import DisplayMatrix
+        >>> from bokehnet.scene.scene import make_scene
+        >>> ramp = np.tile(np.linspace(0.1, 0.9, 48, dtype=np.float32), (32, 1))
+        >>> stored = RelativeDisparity(map=ramp, as_stored=True)
+        >>> source = StoredDepth(source=stored, display=DisplayMatrix(transposed=True))
+        >>> make_scene(np.ones((48, 32, 3), np.float32), source).depth.values.shape
+        (48, 32)
+    """
+
+    source: DepthSource
+    display: DisplayMatrix
+
+    @property
+    def origin(self) -> str:
+        """Setting that names the maps."""
+        return self.source.origin
+
+    @property
+    def kind(self) -> Kind | None:
+        """Kind of the maps."""
+        return self.source.kind
+
+    @property
+    def tells_focus(self) -> bool:
+        """True if the picture's file may define the focus."""
+        return self.source.tells_focus
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        depth = self.source.depth_map(photo)
+        shown = photo.image.shape[:2]
+        if depth.values.shape == shown or depth.values.shape != shown[::-1]:
+            return depth
+        return replace(depth, values=self.display.shown(depth.values))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,6 +163,21 @@ class VideoJob:
         return len(self.info.times)
 
     @property
+    def numbers(self) -> Sequence[int]:
+        """Indices of all frames; see :class:`ShotFrames`."""
+        return range(self.count)
+
+    @property
+    def selected(self) -> Sequence[int]:
+        """Indices of the frames to render: all."""
+        return range(self.count)
+
+    @property
+    def probes(self) -> Sequence[int]:
+        """Indices of the frames that decide about the repair."""
+        return probe_frames(range(self.count))
+
+    @property
     def folder(self) -> Path:
         """Folder of segments and maps until the video is complete."""
         return self.output.with_name(f".bokehnet-video-{self.output.name}")
@@ -134,13 +210,17 @@ class VideoJob:
             for index in range(part * SEGMENT_FRAMES, min(count, (part + 1) * SEGMENT_FRAMES))
         ]
         report, scenes = begin("rendering frames"), self.scenes(indices, shot)
+        reports: list[RenderReport] = []  # of the first frame
 
         def pictures(first: int) -> Iterator[tuple[int, Array]]:
             for number in range(first, min(count, first + SEGMENT_FRAMES)):
                 report(number, count)
                 settings = self.settings_of(number)
                 focused = renderer.prepare(next(scenes), settings, plan=shot.plan)
-                yield self.info.times[number], renderer.render(focused, settings).bokeh
+                result = renderer.render(focused, settings)
+                reports.append(result.report)
+                del reports[1:]
+                yield self.info.times[number], result.bokeh
 
         for part in missing:
             write_segment(names[part], self.info, pictures(part * SEGMENT_FRAMES), self.codec)
@@ -148,7 +228,12 @@ class VideoJob:
         join_segments(self.output, self.info, names, self.codec)
         shutil.rmtree(folder, ignore_errors=True)
         return VideoReport(
-            frames=count, rendered=len(indices), plan=shot.plan, steady=shot.steady is not None
+            frames=count,
+            rendered=len(indices),
+            plan=shot.plan,
+            steady=shot.steady is not None,
+            notes=tuple(reports[0].notes) if reports else (),
+            assumptions=tuple(reports[0].assumptions) if reports else (),
         )
 
     def check(self) -> None:
@@ -172,7 +257,7 @@ class VideoJob:
         for index in (0, self.count - 1):
             settings = self.settings_of(index)
             if settings.input.disparity is None or not is_video(settings.input.disparity):
-                check_focus(settings)
+                check_focus(settings, automatic=False)
 
     def _claim(self) -> None:
         """Create the folder, empty unless it belongs to the same job."""
@@ -217,11 +302,18 @@ class VideoJob:
             if luma is not None:
                 reading = settings.depth
                 source = RelativeDisparity(
-                    map=luma, invert=reading.invert, value_range=reading.value_range, as_stored=True
+                    map=luma,
+                    invert=reading.invert,
+                    value_range=reading.value_range,
+                    as_stored=True,
+                    no_data=reading.no_data,
+                    holes=reading.holes,
                 )
             elif source is None:
                 source = open_source(settings)
                 network = source if isinstance(source, NetworkDepth) else None
+            if self.info.display.transposed and not isinstance(source, NetworkDepth | FilteredDepth):
+                source = StoredDepth(source=source, display=self.info.display)
             yield make_scene(image, source, window=window, number=index + 1)
 
     def _unpulled(self, index: int) -> RenderSettings:

@@ -12,16 +12,18 @@ from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, File, Form, Header, Request, Response, UploadFile
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.serve.docs_page import CONTENT_POLICY, docs_page
 from bokehnet.serve.metrics import Metrics
 from bokehnet.serve.pool import Pool
 from bokehnet.serve.problems import CANCELLED, MEDIA_TYPE, Problem, problem_of
 from bokehnet.serve.requests import FORMATS, check_request, file_name
+from bokehnet.serve.runnable import check_runnable
 from bokehnet.serve.service_settings import ServiceSettings
-from bokehnet.serve.store import JobStore, QueueFull
+from bokehnet.serve.store import DamagedJob, JobStore, QueueFull
 from bokehnet.serve.tokens import Tokens
 from bokehnet.serve.uploads import BoundedBody, fetch_url, save_upload
 from bokehnet.version import __version__
@@ -47,6 +49,15 @@ def make_app(settings: ServiceSettings) -> FastAPI:
     metrics = Metrics(store.unfinished)
     pool = Pool(store, settings, metrics)
 
+    def admit(headers: dict[bytes, bytes]) -> None:
+        """Raise ``Problem`` unless the client is known and there is room for its job."""
+        client = tokens.client(headers.get(b"authorization", b"").decode("latin-1"))
+        key = headers.get(b"idempotency-key")
+        try:
+            store.check_room(client, None if key is None else key.decode("latin-1"))
+        except QueueFull:
+            raise _queue_full(settings) from None
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         pool.start()
@@ -58,7 +69,7 @@ def make_app(settings: ServiceSettings) -> FastAPI:
         version=__version__,
         description="Bokeh from an all-in-focus picture and its depth. Errors are documents of RFC 9457.",
         lifespan=lifespan,
-        docs_url=None,  # its page would load external scripts
+        docs_url=None,  # that page would load external scripts; see docs_page.py
         redoc_url=None,
     )
     app.state.pool = pool
@@ -67,10 +78,11 @@ def make_app(settings: ServiceSettings) -> FastAPI:
         BoundedBody,
         max_bytes=settings.max_upload,
         timeout=settings.patience,
-        authenticate=lambda headers: tokens.client(headers.get(b"authorization", b"").decode("latin-1")),
+        admit=admit,
         respond=lambda problem: _problem_response(problem, metrics),
     )
     _add_health(app, tokens, metrics, pool)
+    _add_docs(app)
     service = _Service(settings=settings, tokens=tokens, store=store, metrics=metrics, pool=pool)
     _add_submission(app, service)
     _add_jobs(app, service)
@@ -85,8 +97,10 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
 
     @app.get("/readyz", tags=["health"])
     def readyz() -> dict[str, str]:
-        """Report whether new jobs are accepted."""
+        """Report whether new jobs are accepted, and rendered."""
         _check_open(pool)
+        if not pool.alive:
+            raise Problem("draining", "a worker thread has ended; restart the service", headers=_RETRY)
         return {"status": "ready"}
 
     @app.get("/metrics", tags=["health"])
@@ -94,6 +108,14 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
         """Return counters in Prometheus' text format."""
         tokens.client(authorization)
         return Response(metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+
+
+def _add_docs(app: FastAPI) -> None:
+    @app.get("/docs", include_in_schema=False)
+    def docs(request: Request) -> HTMLResponse:
+        """Return the description of the interface and of all settings."""
+        page = docs_page(app.openapi(), str(request.base_url).rstrip("/"))
+        return HTMLResponse(page, headers={"Content-Security-Policy": CONTENT_POLICY})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +136,7 @@ class _Service:
         """Return a job of the client ``owner``; other jobs do not exist for it."""
         view = self.store.view(job)
         if view is None or view["owner"] != owner:
-            raise Problem("not-found", f"there is no job {job}; it may have been removed")
+            raise Problem("not-found", f"there is no job {job[:60]}; it may have been removed")
         return view
 
 
@@ -217,6 +239,7 @@ def _store_submission(service: _Service, submission: _Submission) -> tuple[str, 
             hashes["image"] = fetch_url(
                 submission.image_url, hosts, target, settings.max_upload, settings.patience
             )
+        check_runnable(submission.request, incoming)
         content = json.dumps([submission.request, hashes], sort_keys=True)
         fingerprint = hashlib.sha256(content.encode()).hexdigest()
         request = submission.request | {
@@ -226,8 +249,7 @@ def _store_submission(service: _Service, submission: _Submission) -> tuple[str, 
         }
         job, new = service.store.submit(incoming, request, submission.key)
     except QueueFull:
-        detail = f"expected fewer than {settings.queue} unfinished jobs; try again later"
-        raise Problem("queue-full", detail, headers=_RETRY) from None
+        raise _queue_full(settings) from None
     finally:
         shutil.rmtree(incoming, ignore_errors=True)
     return job, new, fingerprint
@@ -275,6 +297,11 @@ def _add_jobs(app: FastAPI, service: _Service) -> None:
             if store.finish(job, {"state": "cancelled", "problem": CANCELLED.document()}):
                 service.metrics.finished.labels("cancelled").inc()
         return Response(status_code=204)
+
+
+def _queue_full(settings: ServiceSettings) -> Problem:
+    detail = f"expected fewer than {settings.queue} unfinished jobs; try again later"
+    return Problem("queue-full", detail, headers=dict(_RETRY))
 
 
 def _check_open(pool: Pool) -> None:
@@ -325,6 +352,11 @@ def _add_error_handlers(app: FastAPI, metrics: Metrics) -> None:
     @app.exception_handler(Problem)
     async def of_problem(request: Request, error: Problem) -> JSONResponse:
         return _problem_response(error, metrics, request.url.path)
+
+    @app.exception_handler(DamagedJob)
+    async def of_damage(request: Request, error: DamagedJob) -> JSONResponse:
+        detail = "expected intact files of the job, found damaged ones; they were set aside, send it again"
+        return _problem_response(Problem("damaged", detail), metrics, request.url.path)
 
     @app.exception_handler(BokehnetError)
     async def of_error(request: Request, error: BokehnetError) -> JSONResponse:

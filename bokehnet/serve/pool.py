@@ -4,6 +4,7 @@ import contextlib
 import logging
 import multiprocessing
 import os
+import signal
 import threading
 import time
 from multiprocessing.connection import Connection
@@ -13,8 +14,8 @@ from typing import Any
 from bokehnet.serve.metrics import Metrics
 from bokehnet.serve.problems import Problem
 from bokehnet.serve.service_settings import ServiceSettings
-from bokehnet.serve.store import Claim, JobStore
-from bokehnet.serve.worker import work
+from bokehnet.serve.store import Claim, DamagedJob, JobStore
+from bokehnet.serve.worker import WorkerLimits, work
 
 __all__ = ["Pool"]
 
@@ -46,6 +47,11 @@ class Pool:
             for number in range(settings.workers)
         ]
         self.draining = False
+
+    @property
+    def alive(self) -> bool:
+        """True if all slots run, as far as they were started."""
+        return all(thread.is_alive() or thread.ident is None for thread in self._threads)
 
     def start(self) -> None:
         """Start to claim jobs."""
@@ -81,7 +87,7 @@ class Pool:
                         cleaned = time.monotonic()
                         self._store.clean()
                     claim = self._next() if worker.ready(_POLL_INTERVAL_S) else None
-                except OSError:  # a full or unmounted disk: try again later
+                except Exception:  # a full or unmounted disk, or a bug: the slot must go on
                     _log.exception("the store")
                     time.sleep(_POLL_INTERVAL_S)
                     continue
@@ -125,6 +131,10 @@ class Pool:
             worker.end()
             if not self._stop.is_set():
                 self._metrics.deaths.inc()
+            if worker.used_up_its_time():
+                detail = "expected less processor time; send a smaller picture"
+                self._finish(claim, {"state": "failed", "problem": Problem("time", detail).document()}, start)
+                return
             self._store.release(claim)
             self.wake()
 
@@ -170,9 +180,10 @@ class Pool:
             self._metrics.total.observe(max(0.0, time.time() - claim.created))
             return
         if "result" in outcome:  # too late: the job was cancelled, or finished by another worker
-            view = self._store.view(claim.job)
-            if view is not None and view["state"] == "done":
-                self._metrics.duplicates.inc()
+            with contextlib.suppress(DamagedJob):
+                view = self._store.view(claim.job)
+                if view is not None and view["state"] == "done":
+                    self._metrics.duplicates.inc()
             with contextlib.suppress(FileNotFoundError):
                 (claim.folder / outcome["result"]).unlink()
 
@@ -185,7 +196,10 @@ class _Worker:
         self.pipe: Connection
         self.pipe, child_pipe = context.Pipe()
         threads = max(1, (os.cpu_count() or 1) // max(1, settings.workers))
-        arguments = (child_pipe, threads, settings.max_pixels)
+        limits = WorkerLimits(
+            memory=settings.memory_limit, seconds=settings.time_limit, pixels=settings.max_pixels
+        )
+        arguments = (child_pipe, threads, limits)
         self._process = context.Process(target=work, args=arguments, daemon=True)
         self._process.start()
         self._ready = False
@@ -211,6 +225,10 @@ class _Worker:
         except (OSError, IndexError):
             return 0
         return pages * os.sysconf("SC_PAGE_SIZE")
+
+    def used_up_its_time(self) -> bool:
+        """Return whether the process ended at its limit of processor time."""
+        return self._process.exitcode == -signal.SIGXCPU
 
     def kill(self) -> None:
         """Kill the process."""

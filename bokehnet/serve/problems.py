@@ -8,6 +8,8 @@ __all__ = ["CANCELLED", "MEDIA_TYPE", "Problem", "problem_of"]
 
 MEDIA_TYPE = "application/problem+json"
 
+_MAX_TEXT_CHARACTERS = 2000  # of a member of a document
+
 # Status and title by kind of problem.
 _KINDS = {
     "parameter": (422, "A parameter is wrong"),
@@ -26,6 +28,7 @@ _KINDS = {
     "memory": (422, "The job took too much memory"),
     "died": (500, "The worker died"),
     "cancelled": (410, "The job was cancelled"),
+    "damaged": (500, "The files of the job are damaged"),
     "bug": (500, "A bug in the service"),
 }
 
@@ -53,13 +56,22 @@ class Problem(Exception):  # noqa: N818  # named after RFC 9457
 
     def document(self, instance: str = "") -> dict[str, Any]:
         """Return the members of the document."""
-        members = {
+        members: dict[str, Any] = {
             "type": f"urn:bokehnet:problem:{self.kind}",
             "title": self.title,
             "status": self.status,
             "detail": self.detail,
         }
-        return members | ({"instance": instance} if instance else {}) | self.parts
+        members |= ({"instance": instance} if instance else {}) | self.parts
+        return {key: _encodable(value) for key, value in members.items()}
+
+
+def _encodable(value: Any) -> Any:
+    """Return a value whose text can be encoded as UTF-8 and is of bounded length."""
+    if not isinstance(value, str):
+        return value
+    text = value.encode("utf-8", "replace").decode()
+    return text if len(text) <= _MAX_TEXT_CHARACTERS else f"{text[:_MAX_TEXT_CHARACTERS]}..."
 
 
 CANCELLED = Problem("cancelled", "cancelled by its client")

@@ -12,7 +12,7 @@ from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.inference.depth_convention import convention_names
 from bokehnet.inference.depth_models import find_depth_model
 from bokehnet.lenses.catalog import catalog_names
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import settings_from_table

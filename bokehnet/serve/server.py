@@ -1,12 +1,14 @@
 """The service in one process: uvicorn with a graceful shutdown."""
 
 import ipaddress
+import os
 import signal
 import threading
 from types import FrameType
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import ParameterError
+from bokehnet.serve.connections import MAX_CONNECTIONS, REQUEST_SECONDS, bounded_protocol
 from bokehnet.serve.service_settings import ServiceSettings
 
 __all__ = ["run_service"]
@@ -27,6 +29,7 @@ def run_service(settings: ServiceSettings) -> None:
             "serve.tokens", f"a file, since {settings.host} is open to other machines", shown="none"
         )
     import uvicorn
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
     from bokehnet.serve.app import make_app
 
@@ -47,7 +50,17 @@ def run_service(settings: ServiceSettings) -> None:
 
             threading.Thread(target=end, daemon=True).start()
 
-    config = uvicorn.Config(app, settings.host, settings.port, log_level="info", timeout_graceful_shutdown=10)
+    os.umask(0o077)  # jobs are private to the user of the service
+    protocol = bounded_protocol(AutoHTTPProtocol, MAX_CONNECTIONS, REQUEST_SECONDS)
+    config = uvicorn.Config(
+        app,
+        settings.host,
+        settings.port,
+        http=protocol,
+        ws="none",
+        log_level="info",
+        timeout_graceful_shutdown=10,
+    )
     Server(config).run()
 
 

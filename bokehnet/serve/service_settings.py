@@ -53,7 +53,8 @@ class ServiceSettings(Group):
     drain: float = setting(60.0, "Time for running jobs to finish after SIGTERM.", unit="s", low=0)
     fetch_from: tuple[str, ...] | None = setting(
         None,
-        "Hosts whose https addresses clients may send instead of an upload, joined by commas; default none.",
+        "Hosts, NAME or NAME:PORT, whose https addresses clients may send instead of an upload, joined by "
+        "commas; default none.",
         metavar="HOSTS",
         parse=_hosts,
     )

@@ -10,6 +10,11 @@
     jobs/ID/progress.json
     jobs/ID/result-N.EXT
     jobs/ID/outcome.json
+    damaged/ID          job whose files were damaged
+
+Files with a JSON table begin with the checksum of the rest. A job with a damaged one is set aside, so that it
+neither stops other jobs nor is answered wrongly. Files and folders with other names are ignored. Folders are
+private to the user of the service.
 
 Every step is one atomic operation of the file system: a rename creates a job, creation of a new file claims
 it, and creation of a new link finishes it. So no job is lost and none has two outcomes, whichever process is
@@ -20,7 +25,9 @@ import contextlib
 import fcntl
 import hashlib
 import json
+import logging
 import os
+import re
 import secrets
 import shutil
 import time
@@ -29,14 +36,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Claim", "JobStore", "QueueFull"]
+__all__ = ["Claim", "DamagedJob", "JobStore", "QueueFull", "read_table"]
+
+_log = logging.getLogger(__name__)
+
+_JOB = re.compile(r"[0-9a-f]{16}-[0-9a-f]{24}")
+_CLAIM = re.compile(r"claim-([0-9]{1,9})")
+_FOLDERS = ("queue", "keys", "jobs", "incoming", "damaged")
 
 # Seconds without a heartbeat after which the service of a claim counts as dead.
 STALE_SECONDS = 15.0
 
+# Seconds for which damaged jobs are kept at least.
+_MIN_DAMAGED_SECONDS = 7 * 86400.0
+
 
 class QueueFull(Exception):  # noqa: N818
     """Raised if the maximum number of unfinished jobs is reached."""
+
+
+class DamagedJob(Exception):  # noqa: N818
+    """Raised if the files of a job are damaged."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,14 +89,28 @@ class JobStore:
 
     def __init__(self, folder: Path, max_unfinished: int, keep: float) -> None:
         self.folder, self._max_unfinished, self._keep = folder, max_unfinished, keep
-        for name in ("queue", "keys", "jobs", "incoming"):
-            (folder / name).mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for name in _FOLDERS:
+            (folder / name).mkdir(mode=0o700, exist_ok=True)
+            (folder / name).chmod(0o700)
 
     def incoming(self) -> Path:
         """Create and return a folder for the files of an incoming request."""
         folder = self.folder / "incoming" / secrets.token_hex(8)
-        folder.mkdir()
+        folder.mkdir(mode=0o700)
         return folder
+
+    def check_room(self, owner: str, key: str | None) -> None:
+        """Raise ``QueueFull`` if a request would be rejected; call this before its files are received.
+
+        Args:
+            owner: Client.
+            key: Idempotency key; the job of a known one needs no room.
+        """
+        if len(self._queued()) >= self._max_unfinished and not (
+            key is not None and self._key_mark(owner, key).exists()
+        ):
+            raise QueueFull
 
     def submit(self, incoming: Path, request: dict[str, Any], key: str | None) -> tuple[str, bool]:
         """Accept a job, or return the existing job of the same key.
@@ -92,35 +126,40 @@ class JobStore:
         Raises:
             QueueFull: Too many jobs are unfinished.
         """
-        mark = None
-        if key is not None:
-            mark = self.folder / "keys" / hashlib.sha256(f"{request['owner']}\0{key}".encode()).hexdigest()
+        mark = None if key is None else self._key_mark(request["owner"], key)
         with self._locked():
             job = None
             if mark is not None and mark.exists():
-                job = mark.read_text()
-                if (self.folder / "jobs" / job).is_dir():
+                job = self._job_of(mark)
+                if job is not None and (self.folder / "jobs" / job).is_dir():
                     shutil.rmtree(incoming)
                     return job, False
-            if len(os.listdir(self.folder / "queue")) >= self._max_unfinished:
+            if len(self._queued()) >= self._max_unfinished:
                 raise QueueFull
             job = job or f"{time.time_ns():016x}-{secrets.token_hex(12)}"
             if mark is not None:
                 _write(mark, job)
-            _write(incoming / "request.json", json.dumps(request | {"created": time.time()}))
+                request = request | {"key": mark.name}
+            _write_table(incoming / "request.json", request | {"created": time.time()})
             (self.folder / "queue" / job).touch()
             os.rename(incoming, self.folder / "jobs" / job)
         return job, True
 
     def claim(self) -> Claim | None:
         """Claim the oldest job that is unclaimed, or whose worker is dead; return None if there is none."""
-        for job in sorted(os.listdir(self.folder / "queue")):
+        for job in self._queued():
             folder = self.folder / "jobs" / job
             if (folder / "outcome.json").exists() or not folder.exists():
                 self._forget(job, folder)
                 continue
-            number = _claim_count(folder)
-            if number and not (folder / f"free-{number}").exists() and not _stale(folder / f"claim-{number}"):
+            try:
+                number = _claim_count(folder)
+                free = (folder / f"free-{number}").exists() or _stale(folder / f"claim-{number}")
+                if number and not free:
+                    continue
+                read_table(folder / "request.json")
+            except (DamagedJob, NotADirectoryError, IsADirectoryError, FileNotFoundError):
+                self._set_aside(job)
                 continue
             claim = Claim(job=job, folder=folder, number=number + 1)
             try:
@@ -135,7 +174,7 @@ class JobStore:
         with contextlib.suppress(OSError):
             os.utime(claim.mark)
             if progress is not None:
-                _write(claim.folder / "progress.json", json.dumps(progress), durable=False)
+                _write_table(claim.folder / "progress.json", progress, durable=False)
         return not (claim.folder / "outcome.json").exists()
 
     def release(self, claim: Claim) -> None:
@@ -149,7 +188,7 @@ class JobStore:
         folder = self.folder / "jobs" / job
         draft = folder / f"outcome-{secrets.token_hex(4)}"
         try:
-            _write(draft, json.dumps(outcome | {"finished": time.time()}))
+            _write_table(draft, outcome | {"finished": time.time()})
             os.link(draft, folder / "outcome.json")
         except (FileExistsError, FileNotFoundError):
             return False
@@ -159,22 +198,75 @@ class JobStore:
         return True
 
     def view(self, job: str) -> dict[str, Any] | None:
-        """Return the state of a job; None if it does not exist."""
-        folder = self.folder / "jobs" / job
-        if "/" in job or job.startswith(".") or not (folder / "request.json").is_file():
+        """Return the state of a job; None if it does not exist.
+
+        Raises:
+            DamagedJob: Its files are damaged; it is set aside.
+        """
+        if not _JOB.fullmatch(job):
             return None
-        request = json.loads((folder / "request.json").read_text())
-        claims = _claim_count(folder)
-        state: dict[str, Any] = {
-            "id": job,
-            "state": "running" if claims and not (folder / f"free-{claims}").exists() else "queued",
-            "owner": request["owner"],
-            "fingerprint": request["fingerprint"],
-            "created": request["created"],
-            "attempts": claims,
-            "progress": _read(folder / "progress.json") or {"stage": "waiting", "share": 0.0},
-        }
-        return state | (_read(folder / "outcome.json") or {})
+        folder = self.folder / "jobs" / job
+        if (self.folder / "damaged" / job).exists():
+            raise DamagedJob(job)
+        if not folder.is_dir():
+            return None
+        try:
+            request = _read(folder / "request.json")
+            outcome = _read(folder / "outcome.json") or {}
+            if request is None:
+                raise DamagedJob(job)
+            claims = _claim_count(folder)
+            state: dict[str, Any] = {
+                "id": job,
+                "state": "running" if claims and not (folder / f"free-{claims}").exists() else "queued",
+                "owner": request["owner"],
+                "fingerprint": request["fingerprint"],
+                "created": request["created"],
+                "attempts": claims,
+                "progress": self._progress(folder) or {"stage": "waiting", "share": 0.0},
+            }
+        except (DamagedJob, KeyError, IsADirectoryError, NotADirectoryError) as error:
+            if not folder.is_dir():  # removed in the meantime
+                return None
+            self._set_aside(job)
+            raise DamagedJob(job) from error
+        return state | outcome
+
+    def _progress(self, folder: Path) -> dict[str, Any] | None:
+        """Return the progress of a job; None if it is missing or damaged."""
+        try:
+            return _read(folder / "progress.json")
+        except (DamagedJob, OSError):
+            return None
+
+    def _queued(self) -> list[str]:
+        """Return the unfinished jobs, oldest first."""
+        return sorted(name for name in os.listdir(self.folder / "queue") if _JOB.fullmatch(name))
+
+    def _key_mark(self, owner: str, key: str) -> Path:
+        digest = hashlib.sha256(f"{owner}\0{key}".encode("utf-8", "surrogateescape"))
+        return self.folder / "keys" / digest.hexdigest()
+
+    def _job_of(self, mark: Path) -> str | None:
+        """Return the job of an idempotency key; one whose file is damaged is searched among all jobs."""
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            job = mark.read_text()
+            if _JOB.fullmatch(job):
+                return job
+        _log.error("%s is damaged", mark)
+        for job in os.listdir(self.folder / "jobs"):
+            with contextlib.suppress(OSError, DamagedJob):
+                if read_table(self.folder / "jobs" / job / "request.json").get("key") == mark.name:
+                    return job
+        return None
+
+    def _set_aside(self, job: str) -> None:
+        """Move a damaged job out of the way; its files stay for inspection."""
+        _log.error("job %s: its files are damaged; moved to %s", job, self.folder / "damaged")
+        with contextlib.suppress(OSError):
+            os.rename(self.folder / "jobs" / job, self.folder / "damaged" / job)
+        with contextlib.suppress(OSError):
+            (self.folder / "queue" / job).unlink()
 
     def file(self, job: str, name: str) -> Path:
         """Return the path of a job's file."""
@@ -182,7 +274,11 @@ class JobStore:
 
     def unfinished(self) -> tuple[int, int]:
         """Return the numbers of waiting and running jobs."""
-        states = [view["state"] for job in os.listdir(self.folder / "queue") if (view := self.view(job))]
+        states = []
+        for job in self._queued():
+            with contextlib.suppress(DamagedJob):
+                if view := self.view(job):
+                    states.append(view["state"])
         return states.count("queued"), states.count("running")
 
     def remove(self, job: str) -> None:
@@ -196,14 +292,20 @@ class JobStore:
             with contextlib.suppress(OSError):
                 if now - (Path(entry.path) / "outcome.json").stat().st_mtime > self._keep:
                     self.remove(entry.name)
-        for name, max_age in (("keys", 2 * self._keep), ("incoming", 3600.0)):
+        damaged_age = max(self._keep, _MIN_DAMAGED_SECONDS)
+        for name, max_age in (("keys", 2 * self._keep), ("incoming", 3600.0), ("damaged", damaged_age)):
             for entry in os.scandir(self.folder / name):
                 with contextlib.suppress(OSError):
                     if now - entry.stat().st_mtime > max_age:
                         if entry.is_dir():
                             shutil.rmtree(entry.path, ignore_errors=True)
-                        elif not (self.folder / "jobs" / Path(entry.path).read_text()).exists():
+                        elif name != "keys" or not self._is_alive(Path(entry.path)):
                             os.unlink(entry.path)
+
+    def _is_alive(self, mark: Path) -> bool:
+        """Return whether the job of an idempotency key exists."""
+        job = self._job_of(mark)
+        return job is not None and (self.folder / "jobs" / job).exists()
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
@@ -223,7 +325,8 @@ class JobStore:
 def _claim_count(folder: Path) -> int:
     """Return the number of claims on a job."""
     with contextlib.suppress(FileNotFoundError):
-        return max((int(name[6:]) for name in os.listdir(folder) if name.startswith("claim-")), default=0)
+        marks = map(_CLAIM.fullmatch, os.listdir(folder))
+        return max((int(mark[1]) for mark in marks if mark is not None), default=0)
     return 0
 
 
@@ -237,7 +340,7 @@ def _stale(mark: Path) -> bool:
 def _write(path: Path, text: str, *, durable: bool = True) -> None:
     """Write a small file atomically."""
     draft = path.with_name(f".{secrets.token_hex(6)}")
-    with draft.open("w") as file:
+    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(text)
         if durable:
             file.flush()
@@ -245,9 +348,36 @@ def _write(path: Path, text: str, *, durable: bool = True) -> None:
     os.replace(draft, path)
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def _write_table(path: Path, table: dict[str, Any], *, durable: bool = True) -> None:
+    """Write a table as JSON behind its checksum."""
+    text = json.dumps(table)
+    _write(path, f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}", durable=durable)
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Read a table written with its checksum, or one of an earlier version without.
+
+    Raises:
+        DamagedJob: The file is damaged.
+        OSError: It cannot be read.
+    """
+    data = path.read_bytes()
+    if not data.startswith(b"{"):
+        checksum, _, data = data.partition(b"\n")
+        if hashlib.sha256(data).hexdigest().encode() != checksum:
+            raise DamagedJob(path.parent.name)
     try:
-        table: dict[str, Any] = json.loads(path.read_text())
+        table = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise DamagedJob(path.parent.name) from error
+    if not isinstance(table, dict):
+        raise DamagedJob(path.parent.name)
+    return table
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    """Return a table; None if the file does not exist."""
+    try:
+        return read_table(path)
     except FileNotFoundError:
         return None
-    return table

@@ -5,7 +5,7 @@ import hmac
 from pathlib import Path
 
 from bokehnet.errors import ConfigError
-from bokehnet.io.text import read_text
+from bokehnet.io.files.text import read_text
 from bokehnet.serve.problems import Problem
 
 __all__ = ["Tokens"]

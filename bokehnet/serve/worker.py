@@ -1,26 +1,41 @@
 """Worker process of a service: renders jobs in sequence, with a renderer that stays loaded."""
 
 import contextlib
-import json
 import math
 import os
 import signal
 import sys
 import threading
 import time
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.process_limits import limit_address_space, limit_cpu_time
 from bokehnet.serve.problems import CANCELLED, Problem, problem_of
+from bokehnet.serve.store import DamagedJob, read_table
 
-__all__ = ["work"]
+__all__ = ["WorkerLimits", "work"]
+
+# Beyond the memory of a job: mappings of threads, kernels and networks, bytes. Beyond the time of
+# a job, which the service enforces by the clock: s.
+_EXTRA_ADDRESS_SPACE, _EXTRA_CPU_SECONDS = 4 * 2**30, 10.0
 
 _PROGRESS_INTERVAL_S = 0.2
 
 
-def work(pipe: Connection, threads: int, max_pixels: int) -> None:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WorkerLimits:
+    """Limits of a job: memory in bytes, time in seconds, and pixels of a picture."""
+
+    memory: int
+    seconds: float
+    pixels: int
+
+
+def work(pipe: Connection, threads: int, limits: WorkerLimits) -> None:
     """Render the jobs received from a pipe until it closes; main function of a worker.
 
     Receives ``(job folder, name of the result without its extension)``, and "cancel" at any time; sends
@@ -36,6 +51,7 @@ def work(pipe: Connection, threads: int, max_pixels: int) -> None:
     numba.set_num_threads(min(threads, numba.get_num_threads()))
     oiio.attribute("threads", threads)
     renderer = BokehRenderer(threads=threads)
+    limit_address_space(limits.memory + _EXTRA_ADDRESS_SPACE)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         pipe.send(("ready",))
         while True:
@@ -43,7 +59,8 @@ def work(pipe: Connection, threads: int, max_pixels: int) -> None:
             if task == "cancel":  # for a job that has just ended
                 continue
             folder, name = task
-            pipe.send(("outcome", _outcome(pipe, renderer, Path(folder), name, max_pixels)))
+            limit_cpu_time((limits.seconds + _EXTRA_CPU_SECONDS) * max(threads, os.cpu_count() or 1))
+            pipe.send(("outcome", _outcome(pipe, renderer, Path(folder), name, limits.pixels)))
 
 
 def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
@@ -56,6 +73,9 @@ def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixel
         return {"state": "failed", "problem": problem.document()}
     except (EOFError, BrokenPipeError, ConnectionResetError):
         raise
+    except DamagedJob:
+        detail = "expected intact files of the job, found damaged ones; send it again"
+        return {"state": "failed", "problem": Problem("damaged", detail).document()}
     except Exception as error:
         if not isinstance(error, BokehnetError | MemoryError):
             import traceback
@@ -72,7 +92,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
     from bokehnet.scene.scene import read_scene
     from bokehnet.serve.requests import job_settings
 
-    request = json.loads((folder / "request.json").read_text())
+    request = read_table(folder / "request.json")
     watch = _Watch(pipe)
     settings = job_settings(request, folder)
     image = folder / request["files"]["image"]

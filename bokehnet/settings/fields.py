@@ -12,7 +12,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar
 
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ErrorCollector, ParameterError
 
 __all__ = [
     "Group",
@@ -189,7 +189,7 @@ def field_settings(group: Any) -> Mapping[str, Setting]:
     Examples:
         >>> from bokehnet.settings.look_settings import HighlightSettings
         >>> {name: known.default for name, known in field_settings(HighlightSettings).items()}
-        {'threshold': None, 'gain': None, 'gamma': 1.0}
+        {'threshold': 'auto', 'strength': 1.0, 'gain': None, 'gamma': 1.0}
     """
     return _read_fields(group if isinstance(group, type) else type(group))
 
@@ -215,8 +215,11 @@ def _read_fields(group: Any) -> Mapping[str, Setting]:
 
 def _check_fields(group: Any) -> None:
     """Raise ``ParameterError`` unless each field has a value of its type and within its range."""
+    errors = ErrorCollector()
     for name, known in field_settings(group).items():
-        object.__setattr__(group, name, known.checked(getattr(group, name)))
+        with errors.collect():
+            object.__setattr__(group, name, known.checked(getattr(group, name)))
+    errors.raise_all()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -241,7 +244,7 @@ class Group:
 
     def __post_init__(self) -> None:
         _check_fields(self)
-        conflicting = [name for name in self.ONE_OF if getattr(self, name) is not None]
+        conflicting = [name for name in self.ONE_OF if getattr(self, name) not in (None, "off")]
         if len(conflicting) > 1:
             two = len(conflicting) == 2
             raise ParameterError(

@@ -303,6 +303,11 @@ class ColorSettings(Group):
         check_needed(self, "glass", "axial", "lateral")
 
 
+def _word_or_number(text: str) -> str | float:
+    """Return a text as it is if it is a word of ``--highlights``, otherwise its number."""
+    return text if text in ("auto", "off") else float(text)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HighlightSettings(Group):
     """Treatment of bright light before the blur.
@@ -313,24 +318,35 @@ class HighlightSettings(Group):
         >>> HighlightSettings(gain=6)
         Traceback (most recent call last):
             ...
-        bokehnet.errors.ParameterError: highlights.gain: expected `highlights.threshold` for it to ...
+        bokehnet.errors.ParameterError: highlights.gain: expected a number as `highlights.threshold` ...
     """
 
     GROUP: ClassVar[str] = "highlights"
     TITLE: ClassVar[str] = "Highlights"
     ALLOWED_IN_PRESET: ClassVar[bool] = True
 
-    threshold: float | None = setting(
-        None,
-        "Threshold in linear light, 0 to below 1, above which clipped lights are brightened before the blur.",
+    threshold: float | Literal["auto", "off"] = setting(
+        "auto",
+        "Clipped lights: auto (default) estimates their light in photographs, not in EXR or HDR files; off; "
+        "or a threshold in linear light, 0 to below 1, above which pixels are brightened before the blur.",
         flag="highlights",
-        metavar="THRESHOLD",
+        metavar="auto|off|THRESHOLD",
         low=0,
         below=1,
+        expected="auto, off, or at least 0 and below 1",
+        parse=_word_or_number,
+    )
+    strength: float = setting(
+        1.0,
+        "With --highlights auto: factor on the estimated light above white, 0 to 4. Default: 1.",
+        flag="highlight-strength",
+        metavar="FACTOR",
+        low=0,
+        high=4,
     )
     gain: float | None = setting(
         None,
-        "With --highlights: linear light that white is expanded to, at least 1. Default: 8.",
+        "With a threshold for --highlights: linear light that white is expanded to, at least 1. Default: 8.",
         flag="highlight-gain",
         metavar="GAIN",
         low=1,
@@ -345,7 +361,20 @@ class HighlightSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        check_needed(self, "gain", "threshold")
+        if self.gain is not None and isinstance(self.threshold, str):
+            raise ParameterError(
+                "highlights.gain",
+                expected="a number as `highlights.threshold` for it to act on",
+                got=self.gain,
+                remedy="give one, or leave this out",
+            )
+        if self.strength != 1 and self.threshold != "auto":
+            raise ParameterError(
+                "highlights.strength",
+                expected="`highlights.threshold` auto for it to act on",
+                got=self.strength,
+                remedy="leave one out",
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import ParameterError
+from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
 from bokehnet.settings.fields import Group, check_needed, parse_bytes, parse_numbers, setting
 
 __all__ = [
@@ -25,12 +26,27 @@ Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
 
-# Same names as in bokehnet.io.output_format.
+# Same names as in bokehnet.io.formats.output_format.
 ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
-# Same names as in bokehnet.optics.pixels.pixel_filter, which imports NumPy: too slow for a help text.
+# Same names as in bokehnet.io.depth.false_colors and bokehnet.io.depth.packed_depth, and as in
+# bokehnet.optics.pixels.pixel_filter, which import NumPy: too slow for a help text.
+CODINGS = (
+    "grey",
+    "turbo",
+    "inferno",
+    "magma",
+    "plasma",
+    "viridis",
+    "jet",
+    "Spectral_r",
+    "rgb24",
+    "bgr24",
+    "rgba-fixed",
+    "rgba-float",
+)
 FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
 
 
@@ -52,6 +68,18 @@ def _names_filter(text: str) -> bool:
 
     try:
         return text == "auto" or bool(parse_pixel_filter(text))
+    except ParameterError:
+        return False
+
+
+def _focus_range(text: str) -> tuple[float, ...] | str:
+    return "off" if text == "off" else parse_numbers(text)
+
+
+def _is_unit(text: str) -> bool:
+    """Return whether a text is a unit of depth, optionally scaled."""
+    try:
+        return bool(parse_depth_unit(text))
     except ParameterError:
         return False
 
@@ -134,10 +162,25 @@ class InputSettings(Group):
         expected="1, 2 or 4",
         accepts=lambda factor: factor in (1, 2, 4),
     )
+    projection: Literal["flat", "equirect"] = setting(
+        "flat",
+        "Projection of the picture: flat (default), or equirect, a panorama of 360 x 180 degrees, whose blur "
+        "crosses the seam and widens towards the poles.",
+    )
+    stereo: Literal["side-by-side", "top-bottom"] | None = setting(
+        None, "Layout of a stereo pair: side-by-side or top-bottom. Each eye is rendered alone."
+    )
 
     def check(self) -> None:
         """See :class:`Group`."""
         check_needed(self, "depth_convention", "depth_model")
+        if self.stereo is not None and self.projection != "flat":
+            raise ParameterError(
+                "input.stereo",
+                expected="`input.projection` flat with it",
+                shown="both",
+                remedy="leave one out",
+            )
         if self.channel is not None and not (self.disparity or self.depth or self.defocus):
             raise ParameterError(
                 "input.channel",
@@ -175,8 +218,59 @@ class DepthSettings(Group):
     GROUP: ClassVar[str] = "depth"
     TITLE: ClassVar[str] = "Depth map reading and repair"
 
-    unit: Literal["m", "cm", "mm", "in", "ft", "1/m"] | None = setting(
-        None, "With --depth: unit, m (default), cm, mm, in, ft or 1/m.", flag="depth-unit", metavar="UNIT"
+    unit: str | None = setting(
+        None,
+        "With --depth: unit, m (default for floats), cm, mm, in, ft or 1/m. A scale may come before it, as "
+        "in 0.2mm or 1/256m.",
+        flag="depth-unit",
+        metavar="[SCALE]UNIT",
+        expected=f"one of {', '.join(DEPTH_UNITS)}, optionally scaled, such as 0.2mm or 1/256m",
+        accepts=_is_unit,
+    )
+    kind: Literal["planar", "ray", "zbuffer"] = setting(
+        "planar",
+        "With --depth: planar (default, distance along the optical axis), ray (distance from the camera; its "
+        "focal length and sensor width are the field of view) or zbuffer (of a graphics card, with "
+        "--depth-near and --depth-far).",
+        flag="depth-kind",
+    )
+    near: float | None = setting(
+        None,
+        "With --depth: distance of the stored value 0, metres, for --depth-kind zbuffer or normalised depth. "
+        "For a reversed z-buffer the far plane.",
+        flag="depth-near",
+        unit="m",
+        above=0,
+        infinite=True,
+    )
+    far: float | None = setting(
+        None,
+        "With --depth: distance of the stored value 1, metres; infinite for a z-buffer without a far plane.",
+        flag="depth-far",
+        unit="m",
+        above=0,
+        infinite=True,
+    )
+    coding: str = setting(
+        "auto",
+        "Coding of a map in colours: auto (default: grey, or the colour map that fits), "
+        f"{', '.join(CODINGS)}.",
+        flag="depth-coding",
+        metavar="NAME",
+        expected=f"one of auto, {', '.join(CODINGS)}",
+        accepts=lambda name: name == "auto" or name in CODINGS,
+    )
+    no_data: float | None = setting(
+        None,
+        "Stored number of pixels without data. Default: NaN, and what depth cameras and stereo write: 0, "
+        "negative numbers and the largest integer where they cannot be data.",
+        flag="no-data",
+        metavar="N",
+    )
+    holes: Literal["fill", "error"] | None = setting(
+        None,
+        "Pixels without data: fill them along the surfaces of the picture (default), or stop with an error "
+        "(default for EXR).",
     )
     invert: bool = setting(False, "With --disparity: bright is far, as in a depth map of 0..1.")
     value_range: tuple[float, float] | None = setting(
@@ -219,7 +313,7 @@ class DepthSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusSettings(Group):
-    """Focus: a disparity, a distance, a pixel, a range or a tilted plane.
+    """Focus: a disparity, a distance, a pixel, a range or a tilted plane. Default: file, else subject.
 
     Examples:
         >>> FocusSettings(range=(1.5, 3)).range  # metres, with metric depth
@@ -259,15 +353,16 @@ class FocusSettings(Group):
         parse=_pixel,
         expected="two whole numbers X,Y of a pixel",
     )
-    range: tuple[float, float] | None = setting(
+    range: tuple[float, float] | Literal["off"] | None = setting(
         None,
-        "Range in focus; blur grows beyond both ends. Metres with --depth, else disparities 0..1.",
+        "Range in focus; blur grows beyond both ends. Metres with --depth, else disparities 0..1. Default "
+        "without any focus: the surface of the subject; off focuses on its middle only.",
         flag="focus-range",
-        metavar="NEAR,FAR",
-        parse=parse_numbers,
+        metavar="NEAR,FAR|off",
+        parse=_focus_range,
         low=0,
         infinite=True,
-        expected="two numbers from 0 up, such as 0.5,2",
+        expected="two numbers from 0 up, such as 0.5,2, or off",
     )
     plane: tuple[Pixel, Pixel, Pixel] | None = setting(
         None,
@@ -327,6 +422,7 @@ class CameraSettings(Group):
 
     GROUP: ClassVar[str] = "camera"
     TITLE: ClassVar[str] = "Camera and blur strength"
+    ONE_OF: ClassVar[tuple[str, ...]] = ("blur", "strength")
 
     blur: float | None = setting(
         None,
@@ -335,15 +431,24 @@ class CameraSettings(Group):
         unit="pixels",
         low=0,
     )
+    strength: float | None = setting(
+        None,
+        "With --disparity or a phone's photo: blur strength, 0 to 100. The largest blur radius is this "
+        "percentage of 8 % of the longer side. Default: 50, i.e. 4 %.",
+        low=0,
+        high=100,
+    )
     focal_length: float | None = setting(
         None,
-        "With --depth: focal length, mm. Default: metadata of the picture's file.",
+        "With --depth: focal length, mm. With --disparity and --f-number: of a full-frame camera. Default: "
+        "metadata of the picture's file.",
         unit="mm",
         above=0,
     )
     f_number: float | None = setting(
         None,
-        "With --depth or a phone's photo: f-number, such as 1.8. Default: metadata of the picture's file.",
+        "F-number, such as 1.8. Default: metadata of the picture's file. With --disparity: of a full-frame "
+        "camera with the nearest point at 1 m and the farthest at infinity.",
         above=0,
     )
     sensor_width: float | None = setting(

@@ -6,13 +6,15 @@ by this path. The fields are defined in ``scene_settings.py``, ``look_settings.p
 """
 
 import dataclasses
+import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 from bokehnet.engine_registry import RAY_ENGINES
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ErrorCollector, ParameterError
 from bokehnet.settings.fields import Group, Setting, field_settings, from_plain, to_plain
 from bokehnet.settings.light_settings import LightSettings
 from bokehnet.settings.look_settings import (
@@ -116,18 +118,31 @@ class RenderSettings:
             ParameterError: A name is unknown, or as for the class.
         """
         groups: dict[str, Any] = {}
+        errors = ErrorCollector()
         for group, fields in changes.items():
-            if group not in _GROUPS:
-                raise ParameterError(group, expected=f"one of {', '.join(_GROUPS)}", got=group)
-            if not isinstance(fields, Mapping):
-                raise ParameterError(group, expected="fields and their values", got=fields)
-            known = field_settings(_GROUPS[group])
-            for name in fields:
-                if name not in known:
-                    raise ParameterError(f"{group}.{name}", expected=f"one of {', '.join(known)}", got=name)
-            values = {name: from_plain(known[name], value) for name, value in fields.items()}
-            groups[group] = dataclasses.replace(getattr(self, group), **values)
+            with errors.collect():
+                groups[group] = self._updated_group(group, fields)
+        errors.raise_all()
         return dataclasses.replace(self, **groups)
+
+    def _updated_group(self, group: str, fields: Mapping[str, Any]) -> Group:
+        """Return a group with some fields replaced; raise all its errors as one."""
+        if group not in _GROUPS:
+            raise ParameterError(group, expected=f"one of {', '.join(_GROUPS)}", got=group)
+        if not isinstance(fields, Mapping):
+            raise ParameterError(group, expected="fields and their values", got=fields)
+        known, errors = field_settings(_GROUPS[group]), ErrorCollector()
+        values = {}
+        for name, value in fields.items():
+            with errors.collect():
+                if name not in known:
+                    near = difflib.get_close_matches(name, known, n=1)
+                    remedy = f"did you mean {near[0]}?" if near else ""
+                    raise ParameterError(f"{group}.{name}", f"one of {', '.join(known)}", name, remedy)
+                values[name] = from_plain(known[name], value)
+        errors.raise_all()
+        updated: Group = dataclasses.replace(getattr(self, group), **values)
+        return updated
 
     def to_table(self) -> dict[str, dict[str, Any]]:
         """Return the fields that differ from the defaults, by group, as plain values for TOML."""
@@ -163,25 +178,72 @@ _GROUPS: dict[str, type[Group]] = {
 def _check_across(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless the groups are consistent."""
     source, depth = settings.input, settings.depth
-    needs = {"invert": "disparity", "value_range": "disparity", "as_stored": "disparity", "unit": "depth"}
+    needs = dict.fromkeys(("invert", "value_range", "as_stored"), "disparity")
+    needs |= dict.fromkeys(("unit", "kind", "near", "far"), "depth")
+    known = field_settings(depth)
+    errors = ErrorCollector()
     for name, needed in needs.items():
         value = getattr(depth, name)
-        if value not in (None, False) and getattr(source, needed) is None:
+        with errors.collect():
+            if value != known[name].default and getattr(source, needed) is None:
+                raise ParameterError(
+                    f"depth.{name}",
+                    expected=f"`input.{needed}` for it to act on",
+                    got=value,
+                    remedy="give that, or leave this out",
+                    shown="it alone" if value is True else None,
+                )
+    for name in ("coding", "no_data", "holes"):
+        with errors.collect():
+            if getattr(depth, name) != known[name].default and not (source.disparity or source.depth):
+                raise ParameterError(
+                    f"depth.{name}",
+                    expected="`input.disparity` or `input.depth` for it to act on",
+                    got=getattr(depth, name),
+                    remedy="give one of them, or leave this out",
+                )
+    with errors.collect():
+        _check_planes(depth)
+    with errors.collect():
+        if settings.light.ghosts is not None and settings.lens.name is None:
             raise ParameterError(
-                f"depth.{name}",
-                expected=f"`input.{needed}` for it to act on",
-                got=value,
+                "light.ghosts",
+                expected="`lens.name`, whose surfaces reflect",
+                got=settings.light.ghosts,
                 remedy="give that, or leave this out",
-                shown="it alone" if value is True else None,
             )
-    if settings.light.ghosts is not None and settings.lens.name is None:
+    with errors.collect():
+        check_engine(settings, settings.engine.name)
+    errors.raise_all()
+
+
+def _check_planes(depth: DepthSettings) -> None:
+    """Raise ``ParameterError`` unless the planes of the stored values 0 and 1 are consistent."""
+    near, far = depth.near, depth.far
+    if (near is None) != (far is None):
+        missing = "near" if near is None else "far"
         raise ParameterError(
-            "light.ghosts",
-            expected="`lens.name`, whose surfaces reflect",
-            got=settings.light.ghosts,
-            remedy="give that, or leave this out",
+            f"depth.{missing}", expected="both `depth.near` and `depth.far`, or neither", shown="one"
         )
-    check_engine(settings, settings.engine.name)
+    if near is None or far is None:
+        if depth.kind == "zbuffer":
+            raise ParameterError(
+                "depth.kind", expected="`depth.near` and `depth.far` with zbuffer", shown="neither"
+            )
+        return
+    if depth.unit is not None or depth.kind == "ray":
+        raise ParameterError(
+            "depth.kind" if depth.kind == "ray" else "depth.unit",
+            expected="either this or `depth.near` and `depth.far`",
+            shown="both",
+            remedy="leave one out",
+        )
+    if near == far or (depth.kind == "planar" and math.isinf(max(near, far))):
+        raise ParameterError(
+            "depth.far",
+            expected="a finite distance different from `depth.near`, or `depth.kind` zbuffer",
+            got=far,
+        )
 
 
 def check_engine(settings: RenderSettings, engine: str | None) -> None:

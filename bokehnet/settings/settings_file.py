@@ -1,13 +1,14 @@
 """Settings in TOML files: a table per group, or keys named like command-line options."""
 
+import difflib
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError
-from bokehnet.io.text import read_text
+from bokehnet.io.files.text import read_text
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types, settings_by_flag
 
@@ -45,18 +46,27 @@ def settings_from_table(
         for name, setting, item in pairs:
             if setting is None or (allowed_in_preset and not setting.allowed_in_preset):
                 what = "a preset can set" if allowed_in_preset else "expected one of"
-                names = [
-                    each.flag or path
+                allowed = {
+                    path: each.flag or path
                     for path, each in all_settings().items()
                     if each.allowed_in_preset or not allowed_in_preset
-                ]
-                raise ConfigError(f"{source}: unknown option {name!r}; {what} {', '.join(sorted(names))}")
+                }
+                names = allowed if "." in name else allowed.values()
+                near = _similar(name, names)
+                advice = f"did you mean {near}?" if near else f"{what} {', '.join(sorted(names))}"
+                raise ConfigError(f"{source}: unknown option {name!r}; {advice}")
             if not isinstance(item, bool | int | float | str | list):
                 raise ConfigError(
                     f"{source}: {name}: expected a number, a text, true or a list, got {item!r}"
                 )
             changes.setdefault(setting.group, {})[setting.name] = item
     return changes
+
+
+def _similar(name: str, names: Iterable[str]) -> str:
+    """Return the most similar name; empty if none is similar."""
+    matches = difflib.get_close_matches(name, names, n=1, cutoff=0.75)
+    return matches[0] if matches and matches[0] != name else ""
 
 
 def load_settings(path: str | Path) -> RenderSettings:
@@ -87,7 +97,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
         blades = 6
         cats_eye = 0.5
     """
-    from bokehnet.io.atomic import write_text  # imported late: keeps help texts fast
+    from bokehnet.io.files.atomic import write_text  # imported late: keeps help texts fast
 
     lines = []
     for group, values in settings.to_table().items():

@@ -16,15 +16,14 @@ from starlette.staticfiles import StaticFiles
 
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.settings.preset import load_preset, presets
-from bokehnet.settings.settings import InputSettings, RenderSettings
 from bokehnet.studio.display import SPACES
+from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import Application, Guard
 from bokehnet.studio.opened import Opened, Region
 from bokehnet.studio.overlays import aperture_image, overlay, plain
 from bokehnet.studio.panels import panels
 from bokehnet.studio.preview import Picture, refine
 from bokehnet.studio.session import Session
-from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 __all__ = ["PAGE", "make_app"]
 
@@ -35,6 +34,7 @@ _MAX_JSON_BYTES = 2 * 2**20
 _MAX_PREVIEW_SIDE_PX = 2560
 _MAX_LOUPE_SIDE_PX = 512
 _THUMBNAIL_SIZE = (144, 108)
+_MAX_CACHED_THUMBNAILS = 200
 
 Handler = Callable[[Request], Awaitable[Response]]
 
@@ -51,6 +51,7 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     posts = (
         "open",
         "reopen",
+        "estimate",
         "change",
         "wear",
         "stroke",
@@ -66,6 +67,7 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     gets = (
         "state",
         "jobs",
+        "offer",
         "panels",
         "presets",
         "plain",
@@ -175,27 +177,22 @@ class _Api:
         await receive(request.stream(), path, request.headers.get("content-length"))
         if role == "picture":
             has_depth = path.suffix.lower() == ".exr"
-            settings = RenderSettings().updated({"input": {"depth": str(path)}} if has_depth else {})
-            try:
-                await asyncio.to_thread(session.open, path, settings)
-            except BokehnetError:
-                if not has_depth:
-                    raise
-                await asyncio.to_thread(session.open, path, RenderSettings())
+            settings = session.with_look({"depth": str(path)} if has_depth else {})
+            fallback = session.with_look({}) if has_depth else None  # an EXR without depth
+            await asyncio.to_thread(session.open, path, settings, fallback=fallback)
         elif role in ("disparity", "depth", "defocus"):
             opened = _open_one(session)
-            look = RenderSettings().updated(
-                {
-                    group: fields
-                    for group, fields in session.settings.to_table().items()
-                    if group not in ("input", "depth", "focus", "camera")
-                }
-            )
-            source = {InputSettings.GROUP: {role: str(path)}}
-            await asyncio.to_thread(session.open, opened.path, look.updated(source))
+            await asyncio.to_thread(session.open, opened.path, session.with_depth({role: str(path)}))
         else:
             raise ParameterError("role", "picture, disparity, depth or defocus", role)
         return JSONResponse(session.state())
+
+    async def offer(self, request: Request) -> Response:
+        return JSONResponse(await asyncio.to_thread(self._session.depth_offer))
+
+    async def estimate(self, request: Request) -> Response:
+        self._session.estimate(agreed=(await _json(request)).get("agreed") is True)
+        return JSONResponse(self._session.jobs)
 
     async def reopen(self, request: Request) -> Response:
         path = self._session.incoming("session.bokeh")
@@ -274,6 +271,9 @@ class _Api:
         options, session = await _json(request), self._session
         opened, shown = _open_one(session), _space(options.get("space"))
         settings = session.with_preset(str(options["preset"]))
+        key = (str(options["preset"]), shown, opened.version, str(settings.to_table()))
+        if key in opened.thumbnails:
+            return Response(_framed(opened.thumbnails[key]), media_type="application/octet-stream")
         size, cancel = opened.fitted(*_THUMBNAIL_SIZE), session.previews.begin_thumbnail()
 
         def render() -> Picture:
@@ -281,6 +281,9 @@ class _Api:
             scaled = opened.at_size(settings, size[0] / opened.size[0])
             task = (scene, scaled, opened.space, shown, "final")
             picture: Picture = session.fine.run(refine, *task, cancel=cancel)
+            opened.thumbnails[key] = picture
+            while len(opened.thumbnails) > _MAX_CACHED_THUMBNAILS:
+                opened.thumbnails.popitem(last=False)
             return picture
 
         return Response(_framed(await asyncio.to_thread(render)), media_type="application/octet-stream")
@@ -320,7 +323,13 @@ class _Api:
         held = bool(options.get("held"))
         stages = session.previews.stages(opened, settings, size, shown, cancel, progress, region, held)
         first = await asyncio.to_thread(next, stages)
-        facts = {"settings": session.shown_settings(), "version": opened.version}
+        facts = {
+            "settings": session.shown_settings(),
+            "version": opened.version,
+            "history": session.history,
+            "preset": session.preset,
+            "equivalents": opened.equivalents(settings, first.facts["focus_disparity"]),
+        }
 
         async def body() -> AsyncIterator[bytes]:
             try:

@@ -1,4 +1,4 @@
-"""Background process for long tasks at low priority, which leaves the cores to quick tasks."""
+"""Background process for long tasks, by default at low priority, which leaves the cores to quick tasks."""
 
 import contextlib
 import multiprocessing
@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any, Protocol
 
 from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.process_limits import limit_address_space, limit_cpu_time
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 
@@ -17,6 +18,7 @@ __all__ = ["BackgroundProcess", "Task"]
 
 _POLL_INTERVAL = 0.02  # s between checks for cancellation
 _NICENESS = 10
+_MEMORY_FRACTION = 0.8  # of the machine's memory that the process may map
 
 
 class Task(Protocol):
@@ -31,9 +33,13 @@ class BackgroundProcess:
     """Runner of one task at a time in a background process, which is replaced if it dies.
 
     A cancelled task ends at its next step; the caller does not wait for it.
+
+    Args:
+        niceness: Added to the niceness of the process; 0 keeps normal priority.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = _NICENESS) -> None:
+        self._niceness = niceness
         self._turn = threading.Lock()
         self._context = multiprocessing.get_context("spawn")
         self._number = 0
@@ -80,7 +86,7 @@ class BackgroundProcess:
             self._number += 1
             number = self._current.value = self._number
             try:
-                self._pipe.send((number, task, arguments))
+                self._pipe.send((number, task, arguments, seconds))
                 return self._answer(number, progress, cancel, seconds)
             except BokehnetError:  # some are also OSError
                 raise
@@ -124,21 +130,26 @@ class BackgroundProcess:
             return
         self._pipe, worker_end = self._context.Pipe()
         self._current = self._context.Value("q", 0)
-        self._process = self._context.Process(target=_serve, args=(worker_end, self._current), daemon=True)
+        self._process = self._context.Process(
+            target=_serve, args=(worker_end, self._current, self._niceness), daemon=True
+        )
         self._process.start()
         worker_end.close()  # so that the pipe closes with the process
 
 
-def _serve(pipe: Any, current: Any) -> None:
+def _serve(pipe: Any, current: Any, niceness: int) -> None:
     """Run tasks from the pipe until it closes; main function of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
     if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+        os.nice(niceness)
+    if hasattr(os, "sysconf"):
+        limit_address_space(int(_MEMORY_FRACTION * os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
     while True:
         try:
-            number, task, arguments = pipe.recv()
+            number, task, arguments, seconds = pipe.recv()
         except (EOFError, OSError):  # the parent has ended
             return
+        limit_cpu_time(None if seconds is None else seconds * (os.cpu_count() or 1))
 
         def report(done: int, total: int, number: int = number) -> None:
             if current.value != number:

@@ -1,6 +1,7 @@
 """Export in the background: the same file as by the shown command line, by the same steps."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def render_file(image: Path, output: Path, settings: RenderSettings, *, report: 
     """
     check_writable(output)
     check_output(output, settings.output)
-    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights)
+    renderer = _renderer()
     renderer.check(settings)
     check_memory(image, settings)
     scene = read_scene(image, settings, progress=part_of(report, 0, 4))
@@ -37,6 +38,12 @@ def render_file(image: Path, output: Path, settings: RenderSettings, *, report: 
     result = renderer.render(focused, settings, part_of(report, 2, 4), overwrite=True)
     result.save(output, part_of(report, 3, 4))
     return {"engine": result.report.engine, "largest_blur": result.report.largest_blur}
+
+
+@cache
+def _renderer() -> BokehRenderer:
+    """Return the renderer of the worker process, which keeps repaired maps from one export to the next."""
+    return BokehRenderer()
 
 
 def with_painted_map(

@@ -98,9 +98,12 @@ class Guard:
             return "expected a request of the studio's own page, found one of another origin"
         if scope["method"] not in _SAFE_METHODS and not origins:
             return "expected a request of a page, found one without an origin"
-        if headers.get(b"sec-fetch-site", [b"none"])[0] not in (b"none", b"same-origin"):
-            return "expected a request of the studio's own page, found one of another site"
         parts = scope["path"].split("/", 2)
+        is_page = len(parts) == 3 and not parts[2] and scope["method"] == "GET"
+        opens_page = is_page and headers.get(b"sec-fetch-dest") == [b"document"]  # from the redirect page
+        sites = (b"none", b"same-origin", *((b"cross-site",) if opens_page else ()))
+        if headers.get(b"sec-fetch-site", [b"none"])[0] not in sites:
+            return "expected a request of the studio's own page, found one of another site"
         if len(parts) < 3 or not secrets.compare_digest(parts[1].encode(), self._token):
             return "expected the address that bokehnet studio printed, found one without its token"
         return ""

@@ -17,10 +17,13 @@ from bokehnet.errors import BokehnetError
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
+from bokehnet.light.recovery import recover_light
 from bokehnet.progress import Progress
+from bokehnet.scene.blur_strength import completed_blur, equivalent_f_number
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
 from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
+from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
@@ -31,7 +34,7 @@ from bokehnet.settings.settings import (
 )
 from bokehnet.studio.strokes import Stroke, painted
 
-__all__ = ["Opened", "Region", "open_picture", "repaired_map"]
+__all__ = ["FLAT_DISPARITY", "ExtraLight", "Opened", "Region", "extra_light", "open_picture", "repaired_map"]
 
 Array = NDArray[np.float32]
 
@@ -40,8 +43,15 @@ _MAX_CACHED_VIEWS = 6
 # Environment variable with the maximum number of pixels of a file, and its default.
 MAX_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
 
-_FLAT_DISPARITY = 0.5  # relative disparity of a picture without depth
-_DEFAULT_BLUR = 0.04  # relative to the width, as for a fast lens
+# Extensions of exports by those of pictures.
+_EXPORT_SUFFIXES = {
+    **{suffix: suffix for suffix in (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")},
+    **dict.fromkeys((".heic", ".heif", ".avif"), ".jpg"),
+    **dict.fromkeys((".hdr", ".pfm"), ".exr"),
+}
+
+FLAT_DISPARITY = 0.5
+"""Relative disparity of a picture without depth."""
 _DEFAULT_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
 
 
@@ -53,6 +63,21 @@ class Region:
     y: int
     width: int
     height: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ExtraLight:
+    """Estimated light above the stored one in clipped pixels of a photograph.
+
+    Attributes:
+        pixels: Indices of these pixels in the flattened picture, (N,).
+        light: Scene-linear light to add at strength 1, (N, 3).
+        note: Summary in a few words; empty without such pixels.
+    """
+
+    pixels: NDArray[np.intp]
+    light: Array
+    note: str
 
 
 def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> tuple[Scene, RenderSettings]:
@@ -69,7 +94,7 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
     except BokehnetError:  # no depth; any other error is raised again below
         if any(getattr(settings.input, name) is not None for name in InputSettings.ONE_OF):
             raise
-        flat = InputSettings(constant_disparity=_FLAT_DISPARITY)
+        flat = InputSettings(constant_disparity=FLAT_DISPARITY)
         settings = replace(settings, input=flat, camera=CameraSettings(blur=settings.camera.blur))
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
     if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:
@@ -81,26 +106,62 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
 
 def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
     """Return the settings with defaults for a missing camera and a missing focus."""
-    height, width = (side // scene.supersampled for side in scene.image.shape[:2])
     focus, camera, depth = settings.focus, settings.camera, scene.depth
     if depth.kind == "defocus":
         return settings
     changes: dict[str, dict[str, Any]] = {"camera": {}, "focus": {}}
-    if depth.kind == "relative" and camera.blur is None:
-        changes["camera"]["blur"] = float(round(_DEFAULT_BLUR * width))
+    if depth.kind == "relative" and camera.blur is None and camera.f_number is None:
+        # A strength becomes a radius, with the focus at the nearest point, as the focus moves.
+        blur = completed_blur(camera, depth, 1.0, 1.0, _result_window(scene))[0].blur
+        assert blur is not None
+        changes["camera"] = {"blur": round(blur, 1), "strength": None}
     for name, default in _DEFAULT_CAMERA.items() if depth.kind == "metric" else ():
         if getattr(camera, name) is None and getattr(depth.camera, name, None) is None:
             changes["camera"][name] = default
     has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
-    if not has_focus and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
-        changes["focus"]["at"] = [width // 2, height // 2]
+    is_set = any(getattr(focus, name) not in (None, "off") for name in FocusSettings.ONE_OF)
+    if not has_focus and not is_set:
+        changes["focus"] = _subject_focus(focus, scene, find_subject(scene.image, depth.values))
     return settings.updated(changes)
+
+
+def _subject_focus(focus: FocusSettings, scene: Scene, subject: Subject) -> dict[str, Any]:
+    """Return changes that focus on a subject: its range of depth, or one pixel of it."""
+    if focus.tilt_x or focus.tilt_y or focus.range == "off":
+        (height, width), (rows, columns) = scene.image.shape[:2], scene.depth.values.shape
+        position = zip(subject.position, (width, height), (columns, rows), strict=True)
+        return {
+            "range": None,
+            "at": [x * side // stored // scene.supersampled for x, side, stored in position],
+        }
+    ends = [subject.far, subject.near]
+    if ends[0] == ends[1] and scene.depth.kind == "relative":
+        return {"value": ends[0], "range": None}
+    if scene.depth.kind == "metric":
+        return {"range": [float(f"{1 / (1000 * end):.4g}") for end in reversed(ends) if end > 0]}
+    return {"range": [round(min(max(end, 0.0), 1.0), 4) for end in ends]}
+
+
+def _result_window(scene: Scene) -> Window:
+    """Return the window of a scene in pixels of the result."""
+    window, factor = scene.window, scene.supersampled
+    shown = window.display_width // factor, window.display_height // factor
+    return replace(window, display_width=shown[0], display_height=shown[1])
 
 
 def repaired_map(scene: Scene, mode: Any, *, report: Progress) -> tuple[Array, bool, str]:
     """Return the repaired map, whether edges were moved, and the reason; a task of the background process."""
     repair = DisparityRepair().repair(scene.image, scene.depth.values, mode, report)
     return repair.disparity, repair.repaired, repair.reason
+
+
+def extra_light(scene: Scene, values: Array, *, report: Progress) -> ExtraLight:
+    """Return the estimated light of clipped pixels, as for a render; a task of the background process."""
+    recovered = recover_light(scene.image, values)
+    report(1, 1)
+    difference = (recovered.image - scene.image).reshape(-1, 3)
+    pixels = np.flatnonzero(difference.any(axis=-1))
+    return ExtraLight(pixels=pixels, light=difference[pixels], note=recovered.note)
 
 
 class Opened:
@@ -114,23 +175,25 @@ class Opened:
         path: File of the picture.
         scene: Scene of the picture.
         strokes: Strokes on the map.
-        undone: Undone strokes, for redo; the latest is last.
         values: Map (H, W), repaired when the repair has finished.
         repaired: True if edges were moved; None before the repair.
         repair_reason: Reason of the repair or its absence.
-        version: Counter of changes of the map.
+        light: Estimated light of clipped pixels; None before its estimate, or without one.
+        version: Counter of changes of map and light.
+        thumbnails: Cache of thumbnails for the page.
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
         self.path, self.scene = path, scene
         self.strokes: list[Stroke] = []
-        self.undone: list[Stroke] = []
         self.values = scene.depth.values
         self.repaired: bool | None = None
         self.repair_reason = ""
+        self.light: ExtraLight | None = None
         self.version = 0
+        self.thumbnails: OrderedDict[Any, Any] = OrderedDict()
         self._lock = threading.Lock()
-        self._views: OrderedDict[Any, tuple[Array, Array]] = OrderedDict()
+        self._views: OrderedDict[Any, tuple[Array, Array, Array | None]] = OrderedDict()
 
     @property
     def space(self) -> ColorSpace:
@@ -146,6 +209,43 @@ class Opened:
     def can_be_repaired(self) -> bool:
         """True if the edges of the map may be misaligned."""
         return self.scene.depth.kind != "defocus" and not is_exact(self.scene)
+
+    @property
+    def has_clipped_light(self) -> bool:
+        """True if a render may estimate clipped light: in photographs, not in files of scene-linear light."""
+        frame = self.scene.frame
+        return frame is not None and frame.is_display_referred and self.scene.supersampled == 1
+
+    @property
+    def export_suffix(self) -> str:
+        """Extension of an export in the format of the picture, ``.png`` if that cannot be written."""
+        suffix = self.path.suffix.lower()
+        return _EXPORT_SUFFIXES.get(suffix, ".png")
+
+    def equivalents(self, settings: RenderSettings, near: float | None) -> dict[str, float | None]:
+        """Return blur radius and full-frame f-number of a relative map, whichever the settings contain.
+
+        Args:
+            settings: Settings of the render.
+            near: Largest disparity in focus.
+        """
+        camera, depth = settings.camera, self.scene.depth
+        if depth.kind != "relative" or near is None:
+            return {}
+        window = _result_window(self.scene)
+        blur = completed_blur(camera, depth, near, near, window)[0].blur
+        stop = camera.f_number
+        if stop is None or camera.blur is not None:
+            stop = equivalent_f_number(blur, camera, depth, near, window) if blur else None
+        return {"blur": blur, "f_number": stop}
+
+    def take_light(self, light: ExtraLight) -> None:
+        """Add the estimated light of clipped pixels."""
+        self.light = light
+        if light.pixels.size:
+            with self._lock:
+                self.version += 1
+                self._views.clear()
 
     def take_repaired(self, values: Array, repaired: bool, reason: str) -> None:
         """Replace the map by the repaired one."""
@@ -169,9 +269,16 @@ class Opened:
             return focus.value
         if focus.distance is not None:
             return 1 / (1000 * focus.distance)
+        if isinstance(focus.range, tuple):
+            ends = (
+                [1 / (1000 * end) for end in focus.range]
+                if self.scene.depth.kind == "metric"
+                else focus.range
+            )
+            return sum(ends) / 2
         if focus.at is not None:
             depth = replace(self.scene.depth, values=self._painted_in_full())
-            return disparity_at_pixel(focus.at, depth, self.scene.window)
+            return disparity_at_pixel(focus.at, depth, self.scene.window, image=self.scene.image)
         return self.scene.depth.focus
 
     def view(self, size: tuple[int, int], settings: RenderSettings, region: Region | None = None) -> Scene:
@@ -179,12 +286,12 @@ class Opened:
 
         Args:
             size: Width and height, pixels.
-            settings: Settings with the focus, for strokes that keep areas sharp.
+            settings: Settings with the focus, for strokes that keep areas sharp, and the strength of light.
             region: Region at full size; ``size`` is then ignored.
         """
         window = self.scene.window
         if region is None:
-            image, values = self._resized(size)
+            image, values, light = self._resized(size)
             factor = size[0] / self.size[0]
             shown = round(window.display_width * factor), round(window.display_height * factor)
             place = Window(
@@ -196,10 +303,11 @@ class Opened:
                 display_height=max(shown[1], 1),
             )
         else:
-            image, values, factor = self.scene.image, self._painted_in_full(), 1.0
+            (image, values, light), factor = self._resized(self.size), 1.0
             rows = slice(max(region.y, 0), min(region.y + region.height, self.size[1]))
             columns = slice(max(region.x, 0), min(region.x + region.width, self.size[0]))
             image, values = (np.ascontiguousarray(array[rows, columns]) for array in (image, values))
+            light = None if light is None else light[rows, columns]
             place = replace(
                 window,
                 x=window.x + columns.start,
@@ -207,6 +315,8 @@ class Opened:
                 width=image.shape[1],
                 height=image.shape[0],
             )
+        if light is not None and settings.highlights.threshold == "auto":
+            image = image + np.float32(settings.highlights.strength) * light
         if region is None and any(stroke.effect == "sharp" for stroke in self.strokes):
             sharp = [stroke for stroke in self.strokes if stroke.effect == "sharp"]
             values = painted(values, image, sharp, self.focus_of(settings))
@@ -246,27 +356,36 @@ class Opened:
             focus["plane"] = [[int(side * factor) for side in pixel] for pixel in focus["plane"]]
         return RenderSettings().updated(table)
 
-    def change_strokes(self, strokes: Sequence[Stroke], undone: Sequence[Stroke] = ()) -> None:
+    def change_strokes(self, strokes: Sequence[Stroke]) -> None:
         """Replace the strokes on the map."""
         with self._lock:
-            self.strokes, self.undone = list(strokes), list(undone)
+            self.strokes = list(strokes)
             self.version += 1
             self._views.clear()
 
-    def _resized(self, size: tuple[int, int]) -> tuple[Array, Array]:
-        """Return picture and map at a size, with strokes that do not depend on the focus; cached."""
+    def _resized(self, size: tuple[int, int]) -> tuple[Array, Array, Array | None]:
+        """Return picture, map with strokes but for those at the focus, and extra light at a size; cached."""
         with self._lock:
             if size not in self._views:
                 width, height = size
-                image, values = self.scene.image, self.values
+                image, values, light = self.scene.image, self.values, self._extra_light()
                 if size != self.size:
                     image, values = resample(image, height, width, "area"), resize_map(values, height, width)
+                    light = None if light is None else resample(light, height, width, "area")
                 static = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
-                self._views[size] = image, painted(values, image, static) if static else values
+                self._views[size] = image, painted(values, image, static) if static else values, light
                 while len(self._views) > _MAX_CACHED_VIEWS:
                     self._views.popitem(last=False)
             self._views.move_to_end(size)
             return self._views[size]
+
+    def _extra_light(self) -> Array | None:
+        """Return the extra light of all pixels, (H, W, 3); None if there is none."""
+        if self.light is None or not self.light.pixels.size:
+            return None
+        result = np.zeros_like(self.scene.image)
+        result.reshape(-1, 3)[self.light.pixels] = self.light.light
+        return result
 
     def _painted_in_full(self) -> Array:
         return self._resized(self.size)[1]

@@ -25,6 +25,9 @@ _MAX_SHARP_RADIUS_PX = 0.75  # maximum blur radius of a pixel in focus
 # From far to near: dark blue, teal, sand, white; uniform in lightness, so that grey prints work as well.
 _DEPTH_COLORS = np.array([[20, 24, 70], [20, 110, 130], [200, 170, 110], [255, 250, 240]], np.float32)
 _NEAR, _FAR, _IN_FOCUS, _LIKELY_ERROR = (235, 140, 40), (60, 120, 235), (70, 230, 120), (235, 60, 60)
+_LIGHT = (255, 220, 40)
+
+_FULL_LIGHT = 8.0  # estimated light at which the overlay is opaque, relative to white
 
 _PSF_SIDE, _PSF_RADIUS = 96, 40  # pixels
 _PSF_MARGIN = 64  # pixels around, to avoid effects of the border
@@ -33,7 +36,7 @@ _PSF_PICTURE = 4096  # size of the picture with the point, pixels
 
 def plain(opened: Opened, size: tuple[int, int], shown: str) -> Picture:
     """Return the picture before any blur."""
-    scene = opened.view(size, RenderSettings())
+    scene = opened.view(size, RenderSettings().updated({"highlights": {"threshold": "off"}}))
     return Picture(stage="plain", rgba=to_rgba(scene.image, opened.space, shown), facts={})
 
 
@@ -45,7 +48,8 @@ def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kin
         settings: Settings with the focus.
         size: Width and height, pixels.
         kind: ``depth``: near is light; ``focus``: sharp is green, in front orange, behind blue;
-            ``confidence``: red where depth edges or the repair of the map may be wrong.
+            ``confidence``: red where depth edges or the repair of the map may be wrong; ``light``: yellow
+            where clipped light was estimated, the brighter the denser.
 
     Raises:
         ParameterError: The kind is unknown.
@@ -54,6 +58,7 @@ def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kin
         "depth": _depth,
         "focus": _focus,
         "confidence": _confidence,
+        "light": _light,
     }
     if kind not in overlays:
         raise ParameterError("kind", f"one of {', '.join(overlays)}", kind)
@@ -119,6 +124,18 @@ def _confidence(opened: Opened, settings: RenderSettings, size: tuple[int, int])
     result = np.zeros((*error_map.shape, 4), np.uint8)
     result[..., :3] = _LIKELY_ERROR
     result[..., 3] = np.rint(190 * np.clip(error_map, 0, 1))
+    return result
+
+
+def _light(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return the places of estimated light, black elsewhere."""
+    dark = settings.updated({"highlights": {"threshold": "off", "strength": 1.0, "gain": None}})
+    extra = (opened.view(size, settings).image - opened.view(size, dark).image).max(axis=-1)
+    result = np.zeros((*extra.shape, 4), np.uint8)
+    result[..., :3] = _LIGHT
+    density = np.clip(np.log2(1 + np.maximum(extra, 0)) / np.log2(1 + _FULL_LIGHT), 0, 1)
+    result[..., 3] = np.rint(np.where(extra > 0.01, 110 + 130 * density, 0))
+    result[extra <= 0.01] = (0, 0, 0, 150)
     return result
 
 

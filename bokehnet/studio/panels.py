@@ -9,6 +9,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.lenses.catalog import catalog_names
 from bokehnet.settings.fields import Setting, field_settings, to_plain
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
+from bokehnet.studio.help_texts import HELP_TEXTS, LABELS
 
 __all__ = ["check_reachable", "is_path", "panels"]
 
@@ -85,9 +86,9 @@ def _description(known: Setting) -> dict[str, Any]:
     choices = list(known.choices) or _names(known.path)
     return {
         "path": known.path,
-        "label": known.name.replace("_", " ").capitalize(),
+        "label": LABELS.get(known.path, known.name.replace("_", " ").capitalize()),
         "flag": f"--{known.flag}",
-        "help": known.help,
+        "help": HELP_TEXTS.get(known.path, known.help),
         "unit": known.unit,
         "kind": "choice" if choices else _kind(known.type),
         "choices": choices,
@@ -101,6 +102,8 @@ def _description(known: Setting) -> dict[str, Any]:
 
 def _kind(kind: Any) -> str:
     """Return ``number``, ``whole``, ``switch``, ``text``, ``numbers`` (a list) or ``pixels``."""
+    if any(typing.get_origin(inner) is typing.Literal for inner in typing.get_args(kind)):
+        return "text"  # a number or one of some words
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         return next(inner for inner in map(_kind, typing.get_args(kind)) if inner != "text")
     simple = {float: "number", int: "whole", bool: "switch"}

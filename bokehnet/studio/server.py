@@ -1,9 +1,12 @@
 """Start of the studio: a local port, an address with a token, a page in the browser."""
 
+import html
+import os
 import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from pathlib import Path
 
 import uvicorn
 
@@ -12,7 +15,7 @@ from bokehnet.studio.app import make_app
 from bokehnet.studio.guard import make_token
 from bokehnet.studio.session import Session
 
-__all__ = ["serve"]
+__all__ = ["serve", "write_redirect"]
 
 _HOST = "127.0.0.1"
 
@@ -49,8 +52,24 @@ def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callab
         address = f"http://{_HOST}:{port}/{token}/"
         tell(address)
         if browser:
-            threading.Timer(0.5, webbrowser.open, (address,)).start()
+            page = write_redirect(session.folder, address)
+            threading.Timer(0.5, webbrowser.open, (page.as_uri(),)).start()
         try:
             uvicorn.Server(config).run(sockets=[listener])
         finally:
             session.close()
+
+
+def write_redirect(folder: Path, address: str) -> Path:
+    """Write a page that leads to an address with its token, readable by this user alone, and return its path.
+
+    The browser gets the path: other users of the machine can read its command line, but not this file.
+
+    Args:
+        folder: Private folder.
+        address: Address of the studio.
+    """
+    page = folder / "open.html"
+    with os.fdopen(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        file.write(f'<!doctype html><meta http-equiv="refresh" content="0;url={html.escape(address)}">\n')
+    return page

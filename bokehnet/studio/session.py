@@ -3,31 +3,49 @@
 import shutil
 import tempfile
 import threading
-from collections.abc import Mapping
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError, RenderCancelled
+from bokehnet.inference.depth_models import find_depth_model, recommended_model
+from bokehnet.inference.model_download import cached_file, download_offer, fetch_model
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
-from bokehnet.studio.archive import read_session, write_session
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
-from bokehnet.studio.opened import Opened, open_picture, repaired_map
+from bokehnet.studio.files.archive import read_session, write_session
+from bokehnet.studio.files.uploads import safe_name
+from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
 from bokehnet.studio.strokes import Stroke
-from bokehnet.studio.uploads import safe_name
 from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]
 
 _MAX_OPENING_SECONDS = 90.0
 
+_MAX_ESTIMATE_SECONDS = 900.0
+
+_MAX_HISTORY = 200  # number of steps that can be undone
+_MAX_DRAG_PAUSE = 0.8  # s between two values of one control that count as one step
+
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Step:
+    """State to which undo returns."""
+
+    settings: RenderSettings
+    strokes: tuple[Stroke, ...]
+    preset: str
 
 
 class Session:
@@ -38,9 +56,11 @@ class Session:
         opened: Opened picture, or None.
         settings: Settings of the render.
         previews: Renderer of previews.
-        slow: Background process for opening, repair and export.
+        preset: Name of the selected preset; empty without one.
+        slow: Background process for opening, repair and the estimate of light.
         fine: Background process for final previews and thumbnails.
-        jobs: State and progress of repair and export.
+        exporter: Background process for export, at normal priority.
+        jobs: State and progress of repair, light, depth estimate and export.
     """
 
     def __init__(self) -> None:
@@ -48,12 +68,20 @@ class Session:
         self.folder = Path(self._holder.name)
         self.opened: Opened | None = None
         self.settings = RenderSettings()
-        self.slow, self.fine = BackgroundProcess(), BackgroundProcess()
+        self.preset = ""
+        self.initial: dict[str, dict[str, Any]] = {}
+        self.slow, self.fine, self.exporter = BackgroundProcess(), BackgroundProcess(), BackgroundProcess(0)
         self.previews = Previews(self.fine)
         self._lock = threading.Lock()
         self._export_stop = threading.Event()
         self._opening = threading.Event()
-        self.jobs: dict[str, dict[str, Any]] = {"repair": {"state": "idle"}, "export": {"state": "idle"}}
+        self.jobs: dict[str, dict[str, Any]] = {
+            name: {"state": "idle"} for name in ("repair", "light", "estimate", "export")
+        }
+        self._done: deque[_Step] = deque(maxlen=_MAX_HISTORY)
+        self._undone: list[_Step] = []
+        self._last_change: tuple[Any, float] = (None, 0.0)
+        self._serial = 0
         self._result: Path | None = None
         self._uploads: list[Path] = []
 
@@ -70,17 +98,33 @@ class Session:
         self.previews.close()
         self.slow.stop()
         self.fine.stop()
+        self.exporter.stop()
         self._holder.cleanup()
 
-    def open(self, path: Path, settings: RenderSettings, strokes: list[Stroke] | None = None) -> None:
+    def open(
+        self,
+        path: Path,
+        settings: RenderSettings,
+        strokes: list[Stroke] | None = None,
+        *,
+        fallback: RenderSettings | None = None,
+        seconds: float = _MAX_OPENING_SECONDS,
+    ) -> None:
         """Open a picture in place of the current one, which stays open on failure.
+
+        Args:
+            path: Picture.
+            settings: Settings with its depth.
+            strokes: Strokes on the map.
+            fallback: Settings to try if the picture cannot be opened with ``settings``.
+            seconds: Time limit.
 
         Raises:
             BokehnetError: The picture cannot be read, or not in time.
         """
         self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, complete = self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
+            scene, complete = self._read(path, settings, fallback, seconds)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
@@ -89,15 +133,47 @@ class Session:
             self._remove_unused()
             raise self._without_paths(error) from error
         with self._lock:
+            is_new = self.opened is None or self.opened.path != path
             self.opened, self.settings = Opened(path, scene), complete
             self.opened.strokes = strokes or []
             self._opening = threading.Event()
-            self.jobs["repair"] = {"state": "idle"}
+            self.jobs["repair"] = self.jobs["light"] = {"state": "idle"}
+            if is_new and self.jobs["export"]["state"] != "running":
+                self.jobs["export"] = {"state": "idle"}
+            self._serial += 1
+            self._done.clear()
+            self._undone.clear()
+            self.initial = self.shown_settings()
             values = (getattr(getattr(complete, one.group), one.name) for one in all_settings().values())
             folders = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
             self._uploads += [folder for folder in folders if self.folder in folder.parents]
             self._remove_unused()
         self._repair()
+
+    def _read(
+        self, path: Path, settings: RenderSettings, fallback: RenderSettings | None, seconds: float
+    ) -> Any:
+        """Return the scene of a picture and its complete settings."""
+        try:
+            return self.slow.run(open_picture, path, settings, seconds=seconds)
+        except BokehnetError:
+            if fallback is None:
+                raise
+        return self.slow.run(open_picture, path, fallback, seconds=seconds)
+
+    def with_look(self, inputs: Mapping[str, Any]) -> RenderSettings:
+        """Return the settings of a new picture: its depth, and the look of the selected preset."""
+        look = load_preset(self.preset).values if self.preset else {}
+        return RenderSettings().updated(merged(look, {InputSettings.GROUP: dict(inputs)} if inputs else {}))
+
+    def with_depth(self, inputs: Mapping[str, Any]) -> RenderSettings:
+        """Return the current settings with another depth, and without what belongs to the present one."""
+        kept = {
+            group: fields
+            for group, fields in self.settings.to_table().items()
+            if group not in (InputSettings.GROUP, "depth", "focus", "camera")
+        }
+        return RenderSettings().updated({**kept, InputSettings.GROUP: dict(inputs)})
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
         """Apply changes from a page, all or none; null resets a field to its default.
@@ -122,21 +198,48 @@ class Session:
                     else:
                         values.setdefault(group, {})[name] = value
             check_reachable(values, before)
-            self.settings = RenderSettings().updated(merged(table, values))
-            settings, opened = self.settings, self.opened
-        if opened is not None and settings.depth.repair != before.depth.repair:
-            self._opening.set()
-            self._opening = threading.Event()
-            opened.take_repaired(opened.scene.depth.values, True, "")
-            opened.repaired = None
-            self._repair()
+            settings = RenderSettings().updated(merged(table, values))
+            if settings != before:
+                self._remember([f"{group}.{name}" for group, fields in changes.items() for name in fields])
+            self.settings = settings
+        self._repair_again(before)
         return settings
+
+    def _repair_again(self, before: RenderSettings) -> None:
+        """Repair the map again after a change of the mode of repair."""
+        opened, settings = self.opened, self.settings
+        if opened is None or settings.depth.repair == before.depth.repair:
+            return
+        self._opening.set()
+        self._opening = threading.Event()
+        opened.take_repaired(opened.scene.depth.values, True, "")
+        opened.repaired = None
+        self._repair()
+
+    def _remember(self, control: Any = None) -> None:
+        """Add the current state to the history; values of one control in quick succession are one step.
+
+        Args:
+            control: Changed control; None for a change that is always a step of its own.
+        """
+        (last, then), now = self._last_change, monotonic()
+        self._last_change = control, now
+        self._undone.clear()
+        if control is None or control != last or now - then > _MAX_DRAG_PAUSE or not self._done:
+            self._done.append(self._step())
+
+    def _step(self) -> _Step:
+        strokes = () if self.opened is None else tuple(self.opened.strokes)
+        return _Step(settings=self.settings, strokes=strokes, preset=self.preset)
 
     def apply_preset(self, preset: str) -> RenderSettings:
         """Apply a shipped preset in place of the current look."""
         with self._lock:
-            self.settings = self._with_preset(preset)
-            return self.settings
+            settings = self._with_preset(preset)
+            if (settings, preset) != (self.settings, self.preset):
+                self._remember()
+            self.settings, self.preset = settings, preset
+            return settings
 
     def with_preset(self, preset: str) -> RenderSettings:
         """Return the settings with the look of a shipped preset."""
@@ -160,21 +263,32 @@ class Session:
             for group, fields in self.settings.to_table().items()
         }
 
+    @property
+    def history(self) -> dict[str, int]:
+        """Number of steps that can be undone, and of those that can be redone."""
+        return {"done": len(self._done), "undone": len(self._undone)}
+
     def stroke(self, table: Mapping[str, Any]) -> None:
         """Add a stroke of the brush."""
         opened = self._open_one()
         with self._lock:
-            opened.change_strokes([*opened.strokes, Stroke.from_table(table)])
+            stroke = Stroke.from_table(table)
+            self._remember()
+            opened.change_strokes([*opened.strokes, stroke])
 
     def step(self, back: bool) -> None:
-        """Undo or redo a stroke."""
-        opened = self._open_one()
+        """Undo or redo a change of settings, preset or strokes."""
+        opened, before = self._open_one(), self.settings
         with self._lock:
-            done, undone = list(opened.strokes), list(opened.undone)
-            source, target = (done, undone) if back else (undone, done)
-            if source:
-                target.append(source.pop())
-                opened.change_strokes(done, undone)
+            source, target = (self._done, self._undone) if back else (self._undone, self._done)
+            if not source:
+                return
+            target.append(self._step())
+            step = source.pop()
+            self.settings, self.preset, self._last_change = step.settings, step.preset, (None, 0.0)
+            if step.strokes != tuple(opened.strokes):
+                opened.change_strokes(step.strokes)
+        self._repair_again(before)
 
     def export(self, name: str) -> None:
         """Start the export of the shown command; ``jobs["export"]`` contains its progress.
@@ -187,7 +301,7 @@ class Session:
             if self.jobs["export"]["state"] == "running":
                 raise BokehnetError("expected one export at a time; wait for it, or stop it")
             self._export_stop = threading.Event()
-            self.jobs["export"] = {"state": "running", "share": 0.0, "name": name}
+            self.jobs["export"] = {"state": "running", "share": 0.0, "name": name, "seconds": 0.0}
             settings = self.settings
         threading.Thread(target=self._export, args=(opened, settings, name), daemon=True).start()
 
@@ -235,7 +349,13 @@ class Session:
                     fields[key] = value.name
                     files[value.name] = value
         strokes = [stroke.to_table() for stroke in opened.strokes]
-        content = {"format": 1, "picture": opened.path.name, "settings": table, "strokes": strokes}
+        content = {
+            "format": 1,
+            "picture": opened.path.name,
+            "settings": table,
+            "strokes": strokes,
+            "preset": self.preset,
+        }
         path = self._results_folder() / f"{opened.path.stem}.bokeh"
         write_session(path, content, files)
         return path
@@ -255,13 +375,15 @@ class Session:
             for group, fields in settings.items():
                 for key, value in fields.items():
                     known = all_settings().get(f"{group}.{key}")
-                    if known is not None and is_path(known) and isinstance(value, str):
+                    is_file = isinstance(value, str) and find_depth_model(value) is None
+                    if known is not None and is_path(known) and is_file:
                         fields[key] = str(folder / safe_name(value))
             check_reachable({g: f for g, f in settings.items() if g != InputSettings.GROUP}, RenderSettings())
             complete = RenderSettings().updated(settings)
         except (KeyError, TypeError, AttributeError) as error:
             raise ConfigError("expected a session file saved by the studio, found something else") from error
         self.open(picture, complete, strokes)
+        self.preset = table["preset"] if table.get("preset") in presets() else ""
 
     def incoming(self, name: str) -> Path:
         """Return a path for an upload, in a folder of its own to avoid name clashes."""
@@ -282,13 +404,18 @@ class Session:
             "width": opened.size[0],
             "height": opened.size[1],
             "kind": opened.scene.depth.kind,
-            "flat": self.settings.input.constant_disparity is not None,
+            "flat": self.settings.input.constant_disparity == FLAT_DISPARITY,
+            "photograph": opened.has_clipped_light,
             "notes": [self._clean(note) for note in (*opened.scene.notes, *opened.scene.depth.notes)],
             "repaired": opened.repaired,
             "repair_reason": opened.repair_reason,
             "strokes": len(opened.strokes),
-            "undone": len(opened.undone),
+            **self.history,
             "version": opened.version,
+            "picture": self._serial,
+            "preset": self.preset,
+            "initial": self.initial,
+            "export_name": f"{opened.path.stem}_bokeh{opened.export_suffix}",
             "settings": self.shown_settings(),
             "jobs": self.jobs,
         }
@@ -309,12 +436,85 @@ class Session:
         return self.opened
 
     def _repair(self) -> None:
+        """Start the repair of the map and the estimate of clipped light, where they apply."""
         opened, mode, stop = self.opened, self.settings.depth.repair, self._opening
-        if opened is None or mode == "off" or not opened.can_be_repaired:
+        if opened is None:
             return
-        self.jobs["repair"] = {"state": "running", "share": 0.0}
-        arguments = (opened, mode, stop)
-        threading.Thread(target=self._repair_now, args=arguments, daemon=True).start()
+        tasks: list[Callable[[], None]] = []
+        if mode != "off" and opened.can_be_repaired:
+            self.jobs["repair"] = {"state": "running", "share": 0.0}
+            tasks.append(lambda: self._repair_now(opened, mode, stop))
+        if opened.has_clipped_light and opened.light is None:
+            self.jobs["light"] = {"state": "running"}
+            tasks.append(lambda: self._estimate_light(opened, stop))
+        if tasks:
+            threading.Thread(target=lambda: [task() for task in tasks], daemon=True).start()
+
+    def _estimate_light(self, opened: Opened, stop: threading.Event) -> None:
+        try:
+            light = self.slow.run(extra_light, opened.scene, opened.values, cancel=stop)
+        except RenderCancelled:
+            return
+        except BokehnetError as error:
+            self.jobs["light"] = {"state": "failed", "error": self._clean(str(error))}
+            return
+        if not stop.is_set():
+            opened.take_light(light)
+            self.jobs["light"] = {"state": "done", "note": light.note}
+
+    def depth_offer(self) -> dict[str, Any]:
+        """Return the depth network for a picture without depth, and what a user must know of it."""
+        model = recommended_model()
+        if model is None:
+            return {"available": False, "reason": "this version names no depth network"}
+        try:
+            is_cached = cached_file(model) is not None
+            offer = download_offer(model)
+        except BokehnetError as error:
+            return {"available": False, "reason": " ".join(str(error).split())}
+        return {
+            "available": True,
+            "cached": is_cached,
+            "name": offer.name,
+            "size": offer.size,
+            "licence": offer.licence,
+            "text": offer.text,
+        }
+
+    def estimate(self, *, agreed: bool) -> None:
+        """Start the estimate of depth by the network of :meth:`depth_offer`.
+
+        Args:
+            agreed: True if the user has agreed to the download of the network.
+
+        Raises:
+            BokehnetError: No picture is open, another estimate runs, or no network can be downloaded.
+        """
+        opened, model = self._open_one(), recommended_model()
+        if model is None:
+            raise BokehnetError("expected a depth network; this version names none")
+        with self._lock:
+            if self.jobs["estimate"]["state"] == "running":
+                raise BokehnetError("expected one estimate at a time; wait for it")
+            self.jobs["estimate"] = {"state": "running", "share": 0.0}
+
+        def progress(done: int, total: int) -> None:
+            self.jobs["estimate"] = {"state": "running", "share": done / max(total, 1)}
+
+        def run() -> None:
+            try:
+                fetch_model(model, lambda offer: agreed, progress)
+                if self.opened is not opened:  # another picture was opened meanwhile
+                    self.jobs["estimate"] = {"state": "idle"}
+                    return
+                settings = self.with_depth({"depth_model": model.name})
+                self.open(opened.path, settings, seconds=_MAX_ESTIMATE_SECONDS)
+                self.jobs["estimate"] = {"state": "done"}
+            except Exception as error:
+                message = str(error) if isinstance(error, BokehnetError) else f"internal error: {error}"
+                self.jobs["estimate"] = {"state": "failed", "error": self._clean(message)}
+
+        threading.Thread(target=run, daemon=True).start()
 
     def _repair_now(self, opened: Opened, mode: str, stop: threading.Event) -> None:
         def progress(done: int, total: int) -> None:
@@ -334,15 +534,19 @@ class Session:
             self.jobs["repair"] = {"state": "done", "reason": opened.repair_reason}
 
     def _export(self, opened: Opened, settings: RenderSettings, name: str) -> None:
+        begun = monotonic()
+
         def progress(done: int, total: int) -> None:
-            self.jobs["export"] = {"state": "running", "share": done / max(total, 1), "name": name}
+            seconds = monotonic() - begun
+            share = done / max(total, 1)
+            self.jobs["export"] = {"state": "running", "share": share, "name": name, "seconds": seconds}
 
         folder = Path(tempfile.mkdtemp(dir=self.folder))
         try:
             complete, _ = with_painted_map(opened, settings, folder)
             complete = replace(complete, output=replace(complete.output, save_maps=None))
             arguments = (opened.path, folder / name, complete)
-            facts = self.slow.run(render_file, *arguments, progress=progress, cancel=self._export_stop)
+            facts = self.exporter.run(render_file, *arguments, progress=progress, cancel=self._export_stop)
             if self._result is not None:
                 shutil.rmtree(self._result.parent, ignore_errors=True)
             self._result = folder / name

@@ -14,7 +14,7 @@ from pathlib import Path
 from bokehnet.checks import check_at_least
 from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import ConfigError, DataFileError
-from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
+from bokehnet.io.files.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.synth.cluster import render_on_cluster
 from bokehnet.synth.config import SynthConfig

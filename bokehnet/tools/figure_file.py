@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bokehnet.io.atomic import write_atomic
-from bokehnet.io.output_format import check_extension
+from bokehnet.io.files.atomic import write_atomic
+from bokehnet.io.formats.output_format import check_extension
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -90,7 +90,7 @@ class WarmProcess:
         python = self.python or sys.executable
         try:
             self._process = subprocess.Popen(
-                [python, "-m", "bokehnet.integrations.warm"],
+                [python, "-P", "-m", "bokehnet.integrations.warm"],  # -P: no modules of the current folder
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,

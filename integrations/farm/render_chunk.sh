@@ -10,4 +10,4 @@ if [ "$#" -lt 4 ]; then
 fi
 first=$1 last=$2 picture=$3 output=$4
 shift 4
-exec bokehnet render "$picture" -o "$output" --frames "$first-$last" --quiet "$@"
+exec bokehnet render "$picture" -o "$output" --frames "$first-$last" "$@"

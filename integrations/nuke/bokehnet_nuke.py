@@ -66,7 +66,11 @@ def render(gizmo, frames):
         picture = os.path.join(folder, f"pinhole.{frame:04d}.exr")
         output = os.path.join(folder, f"bokeh.{frame:04d}.exr")
         done = subprocess.run(
-            command_line(knobs, picture, output), capture_output=True, text=True, check=False
+            command_line(knobs, picture, output),
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHONSAFEPATH": "1"},  # no modules of the current folder
         )
         if done.returncode:
             nuke.message(f"frame {frame}: {done.stderr.strip()}")

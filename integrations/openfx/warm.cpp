@@ -40,7 +40,9 @@ class Process {
     if (pid_ == 0) {
       dup2(down[0], STDIN_FILENO);
       dup2(up[1], STDOUT_FILENO);
-      execlp(python.c_str(), python.c_str(), "-m", "bokehnet.integrations.warm", static_cast<char *>(nullptr));
+      // -P: no modules of the current folder, which may come with a project from others.
+      execlp(python.c_str(), python.c_str(), "-P", "-m", "bokehnet.integrations.warm",
+             static_cast<char *>(nullptr));
       _exit(127);
     }
     close(down[0]);

@@ -13,7 +13,11 @@ requirements = pytest.importorskip("packaging.requirements", reason="needs packa
 yaml = pytest.importorskip("yaml", reason="needs PyYAML, which the extra docs brings")
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-AT_CONDA = {"openimageio": "py-openimageio", "lazy-loader": "lazy_loader"}  # names of conda-forge
+AT_CONDA = {  # names of conda-forge
+    "openimageio": "py-openimageio",
+    "lazy-loader": "lazy_loader",
+    "huggingface-hub": "huggingface_hub",
+}
 
 
 def canonical(name: str) -> str:
@@ -54,6 +58,27 @@ def test_the_constraints_name_all_that_the_development_environment_holds():
     needed = installed_by("dev")
     assert {"numpy", "pytest", "starlette"} <= needed
     assert sorted(needed - named) == []
+
+
+def test_the_container_installs_locked_versions_with_hashes():
+    """Every package that its extras need, in the version of the constraints."""
+    text = (ROOT / "containers/requirements.txt").read_text(encoding="utf-8")
+    entries = [entry for entry in re.split(r"\n(?=[a-z])", text) if "==" in entry]
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if "==" in line and not line.startswith("#"))
+    pinned = {canonical(name): version for name, version in pinned.items()}
+    locked = {}
+    for entry in entries:
+        name, version = re.match(r"([\w.-]+)==(\S+)", entry.lstrip("# ")).groups()
+        locked[canonical(name)] = version
+        assert "--hash=sha256:" in entry, name
+    needed = installed_by("serve") | installed_by("models")
+    assert {"fastapi", "numpy"} <= needed
+    assert sorted(needed - set(locked)) == []
+    assert {name: locked[name] for name in locked if name in pinned and pinned[name] != locked[name]} == {}
+    recipe = (ROOT / "containers/Containerfile").read_text(encoding="utf-8")
+    assert "--require-hashes -r requirements.txt" in recipe
+    assert "--no-deps --no-build-isolation" in recipe
 
 
 def test_the_conda_recipe_needs_what_the_package_needs():

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
 
 import bokehnet
 from bokehnet.cli.app import app
@@ -45,8 +44,7 @@ MODULES = {
 def parse(words: list[str]) -> None:
     """Parse a command line as the program does, without running it; the shell's > is not its own."""
     words = words[: words.index(">")] if ">" in words else words
-    group = typer.main.get_command(app)
-    command = group.commands[words[0]]  # type: ignore[attr-defined]
+    command = app.commands[words[0]]
     command.make_context(f"bokehnet {words[0]}", list(words[1:]))
 
 

@@ -20,7 +20,7 @@ def options_of(words: list[str]) -> set[str]:
 
 @pytest.mark.parametrize("words", [w for w in COMMANDS if w[0] == "bokehnet"], ids=" ".join)
 def test_every_option_of_a_bokehnet_command_is_known(words, cli):
-    told = cli(words[1], "--help")
+    told = cli(words[1], "--help-all" if words[1] in ("render", "compare", "studio") else "--help")
     assert told.code == 0
     for option in options_of(words[2:]):
         assert re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", told.out), option

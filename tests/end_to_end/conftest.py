@@ -85,7 +85,7 @@ def page(browser, studio) -> Iterator[object]:
     context.set_default_timeout(30_000)
     headers = {"origin": studio.address.rsplit("/", 2)[0]}
     plain = {"aperture": {"blades": None}, "camera": {"blur": 12}, "focus": {"value": 0}}
-    for _ in range(context.request.get(f"{studio.address}api/state").json()["strokes"]):
+    for _ in range(context.request.get(f"{studio.address}api/state").json()["done"]):
         context.request.post(f"{studio.address}api/undo", headers=headers)
     context.request.post(f"{studio.address}api/change", headers=headers, data={"changes": plain})
     opened, faults = context.new_page(), []

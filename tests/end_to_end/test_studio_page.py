@@ -48,6 +48,11 @@ def command(page) -> str:
     return page.locator("#command").inner_text()
 
 
+def await_command(page, words: str) -> None:
+    """Wait until the shown command, which follows the picture, contains some words."""
+    until(page, f"document.querySelector('#command').textContent.includes('{words}')")
+
+
 def test_the_canvas_shows_the_picture_that_python_makes(page, files, pixels):
     assert page.evaluate("document.body.dataset.stage") == "final"
     assert np.abs(pixels(page)[..., :3] - rendered(files)).max() <= 1
@@ -130,6 +135,91 @@ def test_a_stroke_changes_the_picture_and_undo_takes_it_back(page, pixels, settl
     assert (pixels(page) == painted).all()
 
 
+def test_undo_takes_back_a_slider_and_a_preset(page, pixels, settle):
+    before = pixels(page)
+    settle(page, lambda: put(page, "#blur", 30))
+    settle(page, lambda: page.click("[data-preset=soft-focus]"))
+    assert page.get_attribute("[data-preset=soft-focus]", "aria-selected") == "true"
+    settle(page, lambda: page.keyboard.press("Control+z"))
+    assert page.get_attribute("[data-preset=soft-focus]", "aria-selected") == "false"
+    await_command(page, "--blur 30")
+    settle(page, lambda: page.keyboard.press("Control+z"))
+    await_command(page, "--blur 12.0")
+    assert (pixels(page) == before).all()
+
+
+def test_a_double_click_on_a_label_resets_the_control(page, settle):
+    settle(page, lambda: put(page, "#blur", 30))
+    settle(page, lambda: page.dblclick("label[for=blur]"))
+    await_command(page, "--blur 12.0")
+    settle(page, lambda: page.mouse.click(*at(page, 0.5, 0.5)))
+    await_command(page, "--focus-at")
+    settle(page, lambda: page.dblclick("label[for=focus]"))
+    await_command(page, "--focus 0.0")
+
+
+def test_both_ends_of_the_sharp_range_can_be_dragged(page, files, pixels, settle):
+    settle(page, lambda: put(page, "#focus-near", 0.5))
+    await_command(page, "--focus-range 0.0,0.5")
+    assert np.abs(pixels(page)[..., :3] - rendered(files, focus={"range": [0, 0.5]})).max() <= 1
+    settle(page, lambda: put(page, "#focus", 0.5))  # moves both ends
+    await_command(page, "--focus-range 0.25,0.75")
+
+
+def test_ctrl_and_wheel_zoom_at_the_pointer_and_space_and_drag_move(page, settle):
+    start = page.locator("#sheet").bounding_box()
+    page.mouse.move(*at(page, 0.25, 0.25))
+    page.keyboard.down("Control")
+    for _ in range(4):
+        page.mouse.wheel(0, -100)
+    page.keyboard.up("Control")
+    until(page, "document.querySelector('#stage').dataset.zoom === '2.44'")
+    zoomed = page.locator("#sheet").bounding_box()
+    assert zoomed["width"] == pytest.approx(1.25**4 * start["width"], rel=0.01)
+    for axis, side in (("x", "width"), ("y", "height")):  # the point under the pointer stays
+        assert zoomed[axis] + 0.25 * zoomed[side] == pytest.approx(start[axis] + 0.25 * start[side], abs=2)
+    settle(page, lambda: page.mouse.click(*at(page, 0.25, 0.25)))
+    until(page, "document.querySelector('#command').textContent.includes('--focus-at 45,30')")
+    page.keyboard.down(" ")
+    page.mouse.down()
+    x, y = at(page, 0.25, 0.25)
+    page.mouse.move(x + 30, y + 20)
+    page.mouse.up()
+    page.keyboard.up(" ")
+    moved = page.locator("#sheet").bounding_box()
+    assert (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == pytest.approx((30, 20), abs=1)
+    page.keyboard.press("0")
+    assert page.locator("#sheet").bounding_box() == start
+
+
+def test_a_held_key_shows_the_original(page):
+    page.focus("#stage")
+    page.keyboard.down("b")
+    until(page, "!document.querySelector('#before').hidden")
+    assert page.evaluate("document.querySelector('#before').style.clipPath") == "inset(0px 0% 0px 0px)"
+    page.keyboard.up("b")
+    assert page.evaluate("document.querySelector('#before').hidden")
+
+
+def test_the_brush_has_a_ring_and_a_tint_and_the_toolbar_stays(page, pixels):
+    focus = page.locator("#undo").bounding_box()
+    page.click("[data-tool=nearer]")
+    assert page.locator("#undo").bounding_box() == focus
+    page.mouse.move(*at(page, 0.2, 0.7))
+    page.mouse.move(*at(page, 0.3, 0.7))
+    radius = round(0.05 * 180)
+    ring = pixels(page, "#marks")
+    assert ring[84, 54 - radius - 1 : 54 - radius + 2, 3].max() > 100
+    assert ring[84, 54, 3] == 0
+    page.mouse.down()
+    page.mouse.move(*at(page, 0.5, 0.7), steps=3)
+    tint = pixels(page, "#marks")[84, 70]
+    assert tint[0] > tint[2]  # orange, as what is nearer in the overlay
+    assert tint[3] > 0
+    page.keyboard.press("Escape")
+    page.mouse.up()
+
+
 def test_an_export_has_the_bytes_of_the_shown_command(page, tmp_path, monkeypatch):
     page.fill("#out-name", "mine.png")
     page.keyboard.press("Tab")
@@ -140,6 +230,17 @@ def test_an_export_has_the_bytes_of_the_shown_command(page, tmp_path, monkeypatc
     assert run([*shlex.split(command(page))[1:], "-q"]) == 0
     assert download.value.suggested_filename == "mine.png"
     assert download.value.path().read_bytes() == (tmp_path / "mine.png").read_bytes()
+
+
+def test_an_export_says_how_long_it_still_takes(page):
+    """Authority: the rule of three: after 10 s for a quarter, three quarters take 30 s."""
+    running = {"state": "running", "share": 0.25, "seconds": 10, "name": "photo_bokeh.png"}
+    idle = {name: {"state": "idle"} for name in ("repair", "light", "estimate")}
+    page.route("**/api/jobs", lambda route: route.fulfill(json={**idle, "export": running}))
+    page.route("**/api/export", lambda route: route.fulfill(json={}))
+    page.click("#export")
+    until(page, "document.querySelector('#export-status').textContent === 'About 30 s left'")
+    page.unroute_all()
 
 
 def test_a_reload_and_a_second_tab_show_the_same(page, pixels, settle):
@@ -184,8 +285,8 @@ def test_a_file_that_cannot_be_opened_is_told_and_the_picture_stays(
 ):
     before = pixels(page)
     page.set_input_files("#open", {"name": name, "mimeType": "image/png", "buffer": content})
-    until(page, "document.querySelector('#wrong').textContent !== ''")
-    assert told in page.locator("#wrong").inner_text()
+    until(page, "document.querySelector('#error').textContent !== ''")
+    assert told in page.locator("#error").inner_text()
     assert (pixels(page) == before).all()
     settle(page, lambda: put(page, "#focus", 0.5))
 
@@ -290,11 +391,54 @@ def test_a_render_that_crashes_is_told_and_the_next_one_works(page, files, studi
     quick = pixels(page)
     for one in working:
         os.kill(one, signal.SIGKILL)
-    until(page, "document.querySelector('#wrong').textContent.includes('died')")
+    until(page, "document.querySelector('#error').textContent.includes('died')")
     assert (pixels(page) == quick).all()
     settle(page, lambda: put(page, "#focus", 0))
-    assert page.locator("#wrong").inner_text() == ""
+    assert page.locator("#error").inner_text() == ""
     assert np.abs(pixels(page)[..., :3] - rendered(files)).max() <= 1
+
+
+def test_a_photo_without_depth_says_so_and_can_be_painted(browser, files, settle):
+    studio = Studio(files / "photo.png")
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    try:
+        page.goto(studio.address)
+        page.wait_for_selector("body[data-settled]")
+        assert "no depth" in page.locator("#banner").inner_text()
+        assert page.evaluate("document.querySelector('#quick').inert")
+        page.click("#estimate")
+        page.wait_for_selector("#offer:not([hidden])")
+        assert page.locator("#offer-text").inner_text()
+        page.click("#paint")
+        assert page.get_attribute("[data-tool=nearer]", "aria-checked") == "true"
+        settle(page, lambda: page.mouse.click(*at(page, 0.5, 0.5)))
+        assert page.locator("#banner").is_hidden()
+        assert not page.evaluate("document.querySelector('#quick').inert")
+    finally:
+        page.close()
+        studio.end()
+
+
+def test_a_second_photo_replaces_looks_and_names_and_keeps_the_preset(browser, files, settle):
+    studio = Studio(files / "photo.png", "--disparity", files / "map.png", "--engine", "scatter")
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    try:
+        page.goto(studio.address)
+        page.wait_for_selector("body[data-presets]")
+        assert page.input_value("#out-name") == "photo_bokeh.png"
+        settle(page, lambda: page.click("[data-preset=soft-focus]"))
+        page.reload()
+        page.wait_for_selector("body[data-presets]")
+        assert page.get_attribute("[data-preset=soft-focus]", "aria-selected") == "true"
+        picture = (files / "photo.png").read_bytes()
+        second = {"name": "second.png", "mimeType": "image/png", "buffer": picture}
+        settle(page, lambda: page.set_input_files("#open", second))
+        assert page.input_value("#out-name") == "second_bokeh.png"
+        assert page.locator("#export-status").inner_text() == ""
+        assert page.get_attribute("[data-preset=soft-focus]", "aria-selected") == "true"
+    finally:
+        page.close()
+        studio.end()
 
 
 def test_a_studio_that_is_killed_in_mid_render_is_told(browser, files):
@@ -306,7 +450,7 @@ def test_a_studio_that_is_killed_in_mid_render_is_told(browser, files):
         page.evaluate("document.querySelector('#focus').value = 1")
         page.dispatch_event("#focus", "input")
         studio.process.kill()
-        until(page, "document.querySelector('#wrong').textContent.includes('The studio has stopped')")
+        until(page, "document.querySelector('#error').textContent.includes('The studio has stopped')")
     finally:
         page.close()
         studio.end()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import Rays, catalog_names, depth_of_field, load_lens
-from bokehnet.lenses.pupils import paraxial_lens, traced_focal_length, traced_pupils
+from bokehnet.lenses.pupils.paraxial_lens import paraxial_lens, traced_focal_length, traced_pupils
 from bokehnet.lenses.reports.plot import spot
 from bokehnet.optics.spectral.glass import C_LINE, D_LINE, F_LINE
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from benchmarks.experiments.tilt_shift import (
+from benchmarks.experiments.lenses.tilt_shift import (
     TILTS,
     best_focus,
     focus_of,

@@ -12,7 +12,7 @@ from bokehnet.errors import DataFileError
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses import ThinLens
-from train.evaluation_sets import path_traced_shots
+from train.scores.evaluation_sets import path_traced_shots
 
 
 @pytest.fixture(scope="module")

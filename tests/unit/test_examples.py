@@ -8,7 +8,7 @@ import torch
 
 from bokehnet.scenes import read_scene
 from tests.conftest import ROOT
-from train.metrics import encode
+from train.scores.metrics import encode
 
 
 @pytest.mark.parametrize(("blur", "focus"), [(8.0, 0.46), (6.0, 0.94), (9.0, 0.05)])

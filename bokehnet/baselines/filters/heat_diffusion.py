@@ -17,7 +17,7 @@ __all__ = ["diffuse_rows", "diffusion"]
 
 
 @njit(cache=True, parallel=True)
-def diffuse_rows(values, conductivity):  # type: ignore[no-untyped-def]
+def diffuse_rows(values, conductivity):
     """Diffuse heat along the rows for one unit of time, in place, by one implicit step.
 
     Solves ``y[i] - b[i] (y[i + 1] - y[i]) + b[i - 1] (y[i] - y[i - 1]) = x[i]`` with ``b[i]`` the smaller

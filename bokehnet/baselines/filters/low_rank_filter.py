@@ -42,7 +42,7 @@ def separable_terms(
 
 
 @njit(cache=True)
-def _add_blurred(values, low, upper, index, columns, rows, lines, sums):  # type: ignore[no-untyped-def]
+def _add_blurred(values, low, upper, index, columns, rows, lines, sums):
     """Add the pixels of a ladder step, spread along rows, then along columns, for each separable term."""
     height, width, channels = values.shape
     half = rows.shape[1] // 2

@@ -22,13 +22,13 @@ _HALF_SIDE = 0.5 * math.sqrt(math.pi)
 
 
 @njit(cache=True)
-def overlap_coverage(radius, distance):  # type: ignore[no-untyped-def]
+def overlap_coverage(radius, distance):
     """Return the coverage of a pixel at an integer distance by a circle of confusion, 0 to 1: eq. 3.18."""
     return min(max(radius - distance, 0.0), 1.0)
 
 
 @njit(cache=True)
-def overlap_weight(defocus, distance, centre, leakage):  # type: ignore[no-untyped-def]
+def overlap_weight(defocus, distance, centre, leakage):
     """Return the weight of a pixel on another one: overlap, light and leakage.
 
     Args:
@@ -47,7 +47,7 @@ def overlap_weight(defocus, distance, centre, leakage):  # type: ignore[no-untyp
 
 
 @njit(cache=True, parallel=True)
-def _filter_rows(values, defocus, leakage, result):  # type: ignore[no-untyped-def]
+def _filter_rows(values, defocus, leakage, result):
     height, width, channels = values.shape
     for y in prange(height):
         largest = 0.0

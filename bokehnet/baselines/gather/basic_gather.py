@@ -20,7 +20,7 @@ __all__ = ["gather_basic", "random_number"]
 
 
 @njit(cache=True)
-def random_number(x, y, index):  # type: ignore[no-untyped-def]
+def random_number(x, y, index):
     """Return a hash of position and index in [0, 1), by the finaliser of MurmurHash3."""
     state = np.uint32(x) * np.uint32(0x9E3779B1) ^ np.uint32(y) * np.uint32(0x85EBCA77)
     state = np.uint32(state) ^ np.uint32(index) * np.uint32(0xC2B2AE3D)
@@ -32,7 +32,7 @@ def random_number(x, y, index):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _gather(image, defocus, shape, samples, bokeh):  # type: ignore[no-untyped-def]
+def _gather(image, defocus, shape, samples, bokeh):
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):

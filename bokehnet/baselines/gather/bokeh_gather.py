@@ -26,7 +26,7 @@ _TILE_PX = 32
 
 
 @njit(cache=True)
-def squeeze_cats_eye(across, down, from_column, from_row, narrower):  # type: ignore[no-untyped-def]
+def squeeze_cats_eye(across, down, from_column, from_row, narrower):
     """Scale (across, down) by ``1 - narrower`` along the line to the picture centre.
 
     The listing rotates by an angle, scales x, and rotates back; with n the direction from the centre the
@@ -40,7 +40,7 @@ def squeeze_cats_eye(across, down, from_column, from_row, narrower):  # type: ig
 
 
 @njit(cache=True, parallel=True)
-def _gather(image, defocus, offsets, reach, size, frame, cats_eye, bokeh):  # type: ignore[no-untyped-def]
+def _gather(image, defocus, offsets, reach, size, frame, cats_eye, bokeh):
     height, width, _ = image.shape
     column_0, row_0, scale = frame
     for y in prange(height):

@@ -46,7 +46,7 @@ def split_lights(light: np.ndarray, coc: np.ndarray, above: float) -> tuple[np.n
 
 
 @njit(cache=True, parallel=True)
-def _gather(light, coc, largest, size, rings, taps, shape, near, result):  # type: ignore[no-untyped-def]
+def _gather(light, coc, largest, size, rings, taps, shape, near, result):
     """Fill ``result`` with one layer's premultiplied colours and coverage.
 
     Taps of the far layer that fall on nearer pixels are mirrored to the opposite side of the kernel. At a

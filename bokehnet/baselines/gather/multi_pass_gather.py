@@ -25,7 +25,7 @@ _FULL_COVERAGE = 0.1
 
 
 @njit(cache=True, parallel=True)
-def _gather(plane, blur, points, shape, area, rotation, bokeh):  # type: ignore[no-untyped-def]
+def _gather(plane, blur, points, shape, area, rotation, bokeh):
     """Fill ``bokeh`` with premultiplied light and coverage of pixels, each spread over its own disc.
 
     A sample represents ``area`` pixels, each with a weight of one over its disc's area.

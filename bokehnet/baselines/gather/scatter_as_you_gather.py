@@ -59,7 +59,7 @@ _JIMENEZ, _TAN = _Kind(3, 1 / 6, True), _Kind(4, 1 / 8, False)
 
 
 @njit(cache=True)
-def presort(behind_nearest, fade):  # type: ignore[no-untyped-def]
+def presort(behind_nearest, fade):
     """Return the weight of the background: 0 at the tile's nearest depth, 1 ``fade`` pixels behind it.
 
     ``depthCmp2`` of thesis 000, 5.1.1. The thesis calls it the weight of the foreground, but it is 0 at the
@@ -70,13 +70,13 @@ def presort(behind_nearest, fade):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def sample_alpha(radius):  # type: ignore[no-untyped-def]
+def sample_alpha(radius):
     """Return the light of a pixel on each pixel of its disc: one over the disc's area, at least one pixel."""
     return 1.0 / (math.pi * max(radius, math.sqrt(0.5)) ** 2)
 
 
 @njit(cache=True)
-def spread_weight(ring, radius):  # type: ignore[no-untyped-def]
+def spread_weight(ring, radius):
     """Return the soft coverage of a ring of the kernel by a disc: ``spreadCmp`` of thesis 000, 5.1.1.
 
     Args:
@@ -127,7 +127,7 @@ def median_of_nine(image: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, parallel=True)
-def _prefilter(image, defocus, coc, largest, size, spread, result):  # type: ignore[no-untyped-def]
+def _prefilter(image, defocus, coc, largest, size, spread, result):
     """Fill ``result`` (half size) with nine taps around each pixel, weighted by blur and Karis's average."""
     rows, columns, _ = result.shape
     height, width, _ = image.shape
@@ -163,9 +163,7 @@ def _prefilter(image, defocus, coc, largest, size, spread, result):  # type: ign
 
 
 @njit(cache=True, parallel=True)
-def _main(  # type: ignore[no-untyped-def]
-    light, coc, nearest, largest, size, strategies, table, shape, fade, two_layers, result
-):
+def _main(light, coc, nearest, largest, size, strategies, table, shape, fade, two_layers, result):
     """Fill ``result`` (half size) with colours and the foreground's alpha."""
     rows, columns, _ = light.shape
     for y in prange(rows):

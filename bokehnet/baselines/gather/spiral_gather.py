@@ -21,7 +21,7 @@ __all__ = ["gather_spiral"]
 
 
 @njit(cache=True, parallel=True)
-def _gather(image, defocus, offsets, bokeh):  # type: ignore[no-untyped-def]
+def _gather(image, defocus, offsets, bokeh):
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):

@@ -25,7 +25,7 @@ _EDGE_TOLERANCE_PX, _MIN_STEP_PX = 1e-9, 1e-9
 
 
 @njit(cache=True)
-def first_between(z, count, row, column, near, far):  # type: ignore[no-untyped-def]
+def first_between(z, count, row, column, near, far):
     """Return the first layer of a pixel with ``near < z <= far``, or -1.
 
     Args:
@@ -47,21 +47,21 @@ def first_between(z, count, row, column, near, far):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _cell(position, towards):  # type: ignore[no-untyped-def]
+def _cell(position, towards):
     """Return the pixel of a position; on an edge the one in the direction ``towards``."""
     low = int(math.floor(position))
     return low - 1 if towards < 0.0 and position - low < _EDGE_TOLERANCE_PX else low
 
 
 @njit(cache=True)
-def _last_cell(position, step, first):  # type: ignore[no-untyped-def]
+def _last_cell(position, step, first):
     """Return the last pixel of a path from pixel ``first``; on an edge the one before it."""
     last = _cell(position, -step)
     return last if (last - first) * step >= 0.0 else first
 
 
 @njit(cache=True)
-def walk_edges(z, count, start, end, slack):  # type: ignore[no-untyped-def]
+def walk_edges(z, count, start, end, slack):
     """Trace a ray from edge to edge: 4.2.2.
 
     Args:
@@ -98,7 +98,7 @@ def walk_edges(z, count, start, end, slack):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def walk_corners(z, count, start, end, slack):  # type: ignore[no-untyped-def]
+def walk_corners(z, count, start, end, slack):
     """Trace a ray by the side of each pixel's nearest corner on which its end lies: 4.2.1.
 
     Arguments and result are those of :func:`walk_edges`.

@@ -43,9 +43,7 @@ _NUM_POINT_SETS, _BOUND_ITERATIONS = 256, 3
 
 
 @njit(cache=True, parallel=True)
-def _trace(  # type: ignore[no-untyped-def]
-    colors, z, count, low, high, points, slack, corners, bounded, bokeh, lost
-):
+def _trace(colors, z, count, low, high, points, slack, corners, bounded, bokeh, lost):
     height, width, _ = z.shape
     for y in prange(height):
         for x in range(width):

@@ -83,7 +83,7 @@ def level_of_detail(blur_area: float, sphere_area: float, triangles: int, factor
 
 
 @njit(cache=True)
-def draw(corners, colors, faces, scale, shift_x, shift_y, lens_x, lens_y, light, inverse):  # type: ignore[no-untyped-def]
+def draw(corners, colors, faces, scale, shift_x, shift_y, lens_x, lens_y, light, inverse):
     """Draw triangles into ``light`` (H, W, 3) and the buffer ``inverse`` (H, W) of inverse depth, 1/mm.
 
     Args:

@@ -38,7 +38,7 @@ def n_buffers(values: np.ndarray, others: np.ndarray | None = None) -> tuple[np.
 
 
 @njit(cache=True)
-def radius_bounds(low, high, y, x, reach):  # type: ignore[no-untyped-def]
+def radius_bounds(low, high, y, x, reach):
     """Return minimum and maximum within at least ``reach`` pixels of (y, x), by four lookups each."""
     height, width = low.shape[1], low.shape[2]
     side = 2 * reach + 1

@@ -25,7 +25,7 @@ _BOUND_ITERATIONS = 3
 
 
 @njit(cache=True)
-def subsample_blur(light, radius, points, low, high):  # type: ignore[no-untyped-def]
+def subsample_blur(light, radius, points, low, high):
     """Return the mean (H, W, 3) of a view and of rays through pupil points around it.
 
     Args:

@@ -58,7 +58,7 @@ def cull_umbra(layers: Layers, *, extended: bool = False) -> Layers:
 
 
 @njit(cache=True, parallel=True)
-def _shadow(low, high, defocus, shadow):  # type: ignore[no-untyped-def]
+def _shadow(low, high, defocus, shadow):
     """Mark pixels that nearer surfaces cover within the reach of all their rays."""
     height, width = defocus.shape
     for y in prange(height):

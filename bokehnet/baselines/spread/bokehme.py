@@ -18,7 +18,7 @@ __all__ = ["bokehme_scatter"]
 
 
 @njit(cache=True)
-def _scatter(light, defocus, sums, weights):  # type: ignore[no-untyped-def]
+def _scatter(light, defocus, sums, weights):
     height, width, _ = light.shape
     for y in range(height):
         for x in range(width):

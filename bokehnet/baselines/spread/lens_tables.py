@@ -107,7 +107,7 @@ def _tables(
 
 
 @njit(cache=True)
-def _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights):  # type: ignore[no-untyped-def]
+def _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights):
     """Add each pixel times the mix of its eight tables to ``sums``, and the mix to ``weights``, in place."""
     height, width, _ = image.shape
     for y in range(height):

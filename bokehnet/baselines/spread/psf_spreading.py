@@ -17,7 +17,7 @@ def packed(tables: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 @njit(cache=True)
-def spread_tables(image, low, upper, tables, starts, halves, sums, weights):  # type: ignore[no-untyped-def]
+def spread_tables(image, low, upper, tables, starts, halves, sums, weights):
     """Add each pixel times the mix of its two tables to ``sums``, and the mix to ``weights``, in place.
 
     Args:

@@ -22,7 +22,7 @@ _CHANNELS = 4
 
 
 @njit(cache=True)
-def _add_squares(image, defocus, mask, sums):  # type: ignore[no-untyped-def]
+def _add_squares(image, defocus, mask, sums):
     """Write the second differences of a square of the area of each pixel's disc, (H + 1, W + 1, 4).
 
     A side of 2 h pixels around a pixel centre has differences at four positions, two at each end, as its ends
@@ -58,9 +58,7 @@ def _add_squares(image, defocus, mask, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_outlines(  # type: ignore[no-untyped-def]
-    image, low, upper, starts, down, across, change, mask, sums
-):
+def _add_outlines(image, low, upper, starts, down, across, change, mask, sums):
     """Write the differences along rows of each pixel's image of the aperture, (H, W + 1, 4)."""
     height, width, _ = image.shape
     for y in range(height):

@@ -46,7 +46,7 @@ def _kernel() -> Any:
     runs_of = cuda.jit(device=True)(bin_runs.function)
 
     @cuda.jit
-    def march(  # type: ignore[no-untyped-def]
+    def march(
         colors,
         cells,
         rays_mask,

@@ -120,7 +120,7 @@ def _cell_light(aperture: Aperture, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 @njit(cache=True, parallel=True)
-def _measure(lights, paths, vignetting_apertures, measured):  # type: ignore[no-untyped-def]
+def _measure(lights, paths, vignetting_apertures, measured):
     """Write the reach of each light's rays, right and down, their steepest slope, and the color spread.
 
     All in pixels, (N, 4), for rays that pass the vignetting apertures; slopes are per unit of the pupil.
@@ -164,7 +164,7 @@ def _measure(lights, paths, vignetting_apertures, measured):  # type: ignore[no-
 
 
 @njit(cache=True)
-def _slope_down(terms, u, v):  # type: ignore[no-untyped-def]
+def _slope_down(terms, u, v):
     """Return the derivative by v of a polynomial in both coordinates."""
     total = 0.0
     for row in range(NODES - 1, 0, -1):
@@ -176,7 +176,7 @@ def _slope_down(terms, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _collapse(terms, v, line):  # type: ignore[no-untyped-def]
+def _collapse(terms, v, line):
     """Write the polynomials in u that remain for a row of the pupil, (4, NODES)."""
     for index in range(4):
         for column in range(NODES):
@@ -187,7 +187,7 @@ def _collapse(terms, v, line):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _evaluate_row(line, first, begin, step, places):  # type: ignore[no-untyped-def]
+def _evaluate_row(line, first, begin, step, places):
     """Write two of the polynomials of a row at ``begin + step * i``, (2, n)."""
     for axis in range(2):
         c = line[first + axis]
@@ -200,7 +200,7 @@ def _evaluate_row(line, first, begin, step, places):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _splat_rectangle(plane, x, y, box_width, box_height, light, aberration_x, aberration_y):  # type: ignore[no-untyped-def]
+def _splat_rectangle(plane, x, y, box_width, box_height, light, aberration_x, aberration_y):
     """Distribute light evenly over a rectangle around (x, y); pixel i is between i and i + 1."""
     low_x, high_x, low_y, high_y = (
         x - 0.5 * box_width,
@@ -219,7 +219,7 @@ def _splat_rectangle(plane, x, y, box_width, box_height, light, aberration_x, ab
 
 
 @njit(cache=True)
-def _splat_pupil(terms, light, cells, origin, place, paths, vignetting_apertures, plane):  # type: ignore[no-untyped-def]
+def _splat_pupil(terms, light, cells, origin, place, paths, vignetting_apertures, plane):
     """Splat the light of all cells of the pupil for one wavelength.
 
     Args:
@@ -282,7 +282,7 @@ def _splat_pupil(terms, light, cells, origin, place, paths, vignetting_apertures
 
 
 @njit(cache=True)
-def _average(line, width, sums):  # type: ignore[no-untyped-def]
+def _average(line, width, sums):
     """Average a line of pixels over ``width`` pixels around each."""
     count = line.shape[0]
     sums[0] = 0.0
@@ -298,7 +298,7 @@ def _average(line, width, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_psf_images(  # type: ignore[no-untyped-def]
+def _fill_psf_images(
     lights, cells, boxes, starts, paths, light, first, vignetting_apertures, shares, colors, psf_images
 ):
     """Write red, green, blue and the transverse aberration of each PSF image, (pixels, 5)."""

@@ -46,7 +46,7 @@ _FLOATS = 16_000_000
 
 
 @njit(cache=True, parallel=True)
-def _find_lights(colors, depths, coverage, limit, mask):  # type: ignore[no-untyped-def]
+def _find_lights(colors, depths, coverage, limit, mask):
     """Mark visible, blurred pixels brighter than ``limit``, (layers, H, W)."""
     for y in prange(limit.shape[0]):
         for x in range(limit.shape[1]):

@@ -127,7 +127,7 @@ def vignetting_shares(
 
 
 @njit(cache=True)
-def share_at(shares, side, h_x, h_y):  # type: ignore[no-untyped-def]
+def share_at(shares, side, h_x, h_y):
     """Return the transmitted fraction at a field position, by bilinear interpolation."""
     last = shares.shape[1] - 1
     column = min(max((h_x + 1.0) * 0.5 * last, 0.0), last - 1e-9)
@@ -140,7 +140,7 @@ def share_at(shares, side, h_x, h_y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def passing(vignetting_apertures, u, v, h_x, h_y, sharpness):  # type: ignore[no-untyped-def]
+def passing(vignetting_apertures, u, v, h_x, h_y, sharpness):
     """Return the transmittance of all vignetting apertures at (u, v), with edges of width 1 / sharpness."""
     transmittance = 1.0
     for i in range(vignetting_apertures.shape[0]):
@@ -167,7 +167,7 @@ def place_psf_images(lights: np.ndarray, margin: np.ndarray, shape: tuple[int, i
 
 
 @njit(cache=True)
-def _sum_at(sums, row, y, position):  # type: ignore[no-untyped-def]
+def _sum_at(sums, row, y, position):
     """Return the running sum at the row ``row + y`` and a column ``position``, both in cells, bilinear."""
     last = sums.shape[1] - 1
     position = min(max(position, 0.0), float(last))
@@ -179,7 +179,7 @@ def _sum_at(sums, row, y, position):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _split(position, last):  # type: ignore[no-untyped-def]
+def _split(position, last):
     """Return cell and position inside it, clipped to the sums."""
     position = min(max(position, 0.0), float(last))
     cell = min(int(position), last - 1)
@@ -187,7 +187,7 @@ def _split(position, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, frame, psf_images):  # type: ignore[no-untyped-def]
+def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, frame, psf_images):
     """Write the fractions of each light's energy, (pixels, 1), behind a perfect lens.
 
     Args:

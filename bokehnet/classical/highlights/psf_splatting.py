@@ -25,7 +25,7 @@ _OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375,
 
 
 @njit(cache=True)
-def _test_visibility(  # type: ignore[no-untyped-def]
+def _test_visibility(
     scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work
 ):
     """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
@@ -75,7 +75,7 @@ def _test_visibility(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _tile_visibility(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):  # type: ignore[no-untyped-def]
+def _tile_visibility(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):
     """Fill ``visibility`` (TILE, TILE) with the fraction of a light that each lit pixel of a tile sees.
 
     Args:
@@ -151,7 +151,7 @@ def _tile_visibility(scene, runs, count, light, corner, box, psf_image, transver
 
 
 @njit(cache=True, parallel=True)
-def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, result):  # type: ignore[no-untyped-def]
+def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, result):
     """Add PSF images to the pixels of ``rays_mask``, tile row by tile row and in the order of the lights.
 
     Args:

@@ -81,7 +81,7 @@ class RayPolynomials(NamedTuple):
 
 
 @njit(cache=True)
-def _field(paths, x, y):  # type: ignore[no-untyped-def]
+def _field(paths, x, y):
     """Return the field position of a pixel; beyond the corners it stays, smoothly, below 1.25."""
     h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
     distance = math.hypot(h_x, h_y)
@@ -92,7 +92,7 @@ def _field(paths, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _map_at(maps, index, h_x, h_y):  # type: ignore[no-untyped-def]
+def _map_at(maps, index, h_x, h_y):
     """Return one of the maps of chromatic aberration at a field position."""
     last = maps.shape[0] - 1
     column = min(max((h_x / _EDGE + 1.0) * 0.5 * last, 0.0), last - 1e-9)
@@ -105,7 +105,7 @@ def _map_at(maps, index, h_x, h_y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
+def _send(paths, k, u, v, h_x, h_y, powers):
     """Return transverse aberration E in pixels and coordinates A of one ray of the k-th wavelength."""
     for n in range(4):
         powers[0, n] = 1.0 if n == 0 else powers[0, n - 1] * (u * u + v * v)
@@ -133,7 +133,7 @@ def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-untyped-def]
+def solve_nodes(paths, k, light_x, light_y, depth, nodes):
     """Write the positions of rays through the nodes of the pupil.
 
     Args:
@@ -162,7 +162,7 @@ def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def polynomials(paths, nodes, terms):  # type: ignore[no-untyped-def]
+def polynomials(paths, nodes, terms):
     """Write the polynomials through the nodes by powers of v and u, (4, NODES, NODES)."""
     for index in range(4):
         for row in range(NODES):

@@ -39,13 +39,13 @@ _SUPPORT_REACH_PX, _SUPPORT_TOLERANCE_PX = 2, 0.25
 
 
 @njit(cache=True)
-def are_one_surface(a, b, apart):  # type: ignore[no-untyped-def]
+def are_one_surface(a, b, apart):
     """Return whether points at defocus ``a`` and ``b``, ``apart`` pixels apart, can be one surface."""
     return abs(a - b) <= DISCONTINUITY_THRESHOLD + _MAX_SLOPE * apart
 
 
 @njit(cache=True)
-def span(values, y, x, reach):  # type: ignore[no-untyped-def]
+def span(values, y, x, reach):
     """Return the lowest and highest value within ``reach`` pixels along both axes."""
     low = high = values[y, x]
     for v in range(max(0, y - reach), min(values.shape[0], y + reach + 1)):
@@ -56,7 +56,7 @@ def span(values, y, x, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _find_steps(defocus, reach, threshold, stepped):  # type: ignore[no-untyped-def]
+def _find_steps(defocus, reach, threshold, stepped):
     height, width = defocus.shape
     for row in prange(stepped.shape[0]):
         for column in range(stepped.shape[1]):
@@ -86,7 +86,7 @@ def tiles_with_steps(
 
 
 @njit(cache=True, parallel=True)
-def _discontinuity_sides(defocus, reach, stepped):  # type: ignore[no-untyped-def]
+def _discontinuity_sides(defocus, reach, stepped):
     height, width = defocus.shape
     sides = np.zeros((height, width), np.int8)
     for y in prange(height):
@@ -139,7 +139,7 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _is_supported(defocus, between, places):  # type: ignore[no-untyped-def]
+def _is_supported(defocus, between, places):
     """Return whether each of ``places``, (N,), has a neighbour of its surface that is not between others."""
     height, width = defocus.shape
     supported = np.zeros(len(places), np.bool_)
@@ -154,7 +154,7 @@ def _is_supported(defocus, between, places):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
+def _sharpen(defocus, places):
     """Return the map with the pixels at ``places``, (N, 2), set to the closer end of their ramp."""
     result = defocus.copy()
     lows, highs = defocus.copy(), defocus.copy()

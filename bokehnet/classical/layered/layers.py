@@ -26,7 +26,7 @@ _UNMIXED_FRACTION, _FILLED_FRACTION = 0.2, 0.6
 
 
 @njit(cache=True, parallel=True)
-def _insert_backs(rows, columns, back, far, is_last, hidden, behind):  # type: ignore[no-untyped-def]
+def _insert_backs(rows, columns, back, far, is_last, hidden, behind):
     """Write the farther surface of mixed pixels to the occluded background, (H, W, ...) in place.
 
     ``is_last``: True where no other surface is behind that surface, (N,).
@@ -41,7 +41,7 @@ def _insert_backs(rows, columns, back, far, is_last, hidden, behind):  # type: i
 
 
 @njit(cache=True, parallel=True)
-def _remove_shallow_layer(defocus, behind, beyond):  # type: ignore[no-untyped-def]
+def _remove_shallow_layer(defocus, behind, beyond):
     """Set ``beyond``, (H, W), to ``behind`` where that occludes nothing; return the number of the others."""
     left = 0
     for y in prange(beyond.shape[0]):
@@ -53,7 +53,7 @@ def _remove_shallow_layer(defocus, behind, beyond):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, parallel=True)
-def _write_layer(color, defocus, layer, colors, depths, coverage):  # type: ignore[no-untyped-def]
+def _write_layer(color, defocus, layer, colors, depths, coverage):
     """Write one opaque layer, nowhere in front of the previous one, to (H, W, L, ...)."""
     height, width = defocus.shape
     for y in prange(height):
@@ -67,7 +67,7 @@ def _write_layer(color, defocus, layer, colors, depths, coverage):  # type: igno
 
 
 @njit(cache=True, parallel=True)
-def _insert_fronts(rows, columns, front, front_coverage, colors, coverage):  # type: ignore[no-untyped-def]
+def _insert_fronts(rows, columns, front, front_coverage, colors, coverage):
     """Write color and coverage of the nearer surface of mixed pixels to (H, W, L, ...) in place."""
     for i in prange(len(rows)):
         y, x = rows[i], columns[i]

@@ -35,13 +35,13 @@ _SLOPE_FACTOR = 2.0
 
 
 @njit(cache=True)
-def half_step(near, far):  # type: ignore[no-untyped-def]
+def half_step(near, far):
     """Return the tolerance in defocus, pixels, within which a pixel belongs to one of two surfaces."""
     return DISCONTINUITY_THRESHOLD if near - far > DISCONTINUITY_THRESHOLD else 0.5 * (near - far)
 
 
 @njit(cache=True)
-def _largest_slope(defocus, y, x):  # type: ignore[no-untyped-def]
+def _largest_slope(defocus, y, x):
     """Return the largest slope of the 3x3 pixels: along an axis, the smaller of the changes to both sides."""
     height, width = defocus.shape
     largest = np.float32(0.0)
@@ -55,7 +55,7 @@ def _largest_slope(defocus, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _mark(defocus, reach, stepped, sides):  # type: ignore[no-untyped-def]
+def _mark(defocus, reach, stepped, sides):
     """Set ``SLIGHT`` in ``sides``, in place, where no bit is set."""
     height, width = defocus.shape
     for y in prange(height):

@@ -61,7 +61,7 @@ CHANNELS = 4
 
 
 @njit(cache=True, forceinline=True)
-def _step_of(signed):  # type: ignore[no-untyped-def]
+def _step_of(signed):
     """Return the radius, its step of the table, the fraction towards the next step, and the reach in rows."""
     radius = max(abs(float(signed)), SMALLEST_RADIUS)
     place = (radius - SMALLEST_RADIUS) / STEP
@@ -70,7 +70,7 @@ def _step_of(signed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _row_reach(defocus):  # type: ignore[no-untyped-def]
+def _row_reach(defocus):
     """Return the reach of the pixels of each row, up or down, in rows."""
     reach = np.zeros(defocus.shape[0], np.int64)
     for y in range(defocus.shape[0]):
@@ -83,13 +83,13 @@ def _row_reach(defocus):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _is_absent(values, y, x):  # type: ignore[no-untyped-def]
+def _is_absent(values, y, x):
     """Return whether all values of a pixel are 0."""
     return not (values[y, x, 0] or values[y, x, 1] or values[y, x, 2] or values[y, x, 3])
 
 
 @njit(cache=True, forceinline=True)
-def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):  # type: ignore[no-untyped-def]
+def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):
     """Clip a source by the second pupil.
 
     Returns:
@@ -113,7 +113,7 @@ def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):  # type
 
 
 @njit(cache=True)
-def _add_block(sums, at, part, value):  # type: ignore[no-untyped-def]
+def _add_block(sums, at, part, value):
     """Add the fractions of eight pixels of a value."""
     a, b, c, d = repeat4(part)
     store8(sums, at, load8(sums, at) + a * value)
@@ -123,7 +123,7 @@ def _add_block(sums, at, part, value):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves):  # type: ignore[no-untyped-def]
+def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves):
     """Add the blocks ``begin`` to ``end`` (exclusive) of a shape to rows of pixels.
 
     Args:
@@ -159,7 +159,7 @@ def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves): 
 
 
 @njit(cache=True)
-def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, last, out):  # type: ignore[no-untyped-def]
+def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, last, out):
     """Fill the rows ``first`` to ``last`` (exclusive) of ``out``."""
     height, width = defocus.shape
     middle, starts = table.middle, table.first
@@ -206,7 +206,7 @@ def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, la
 
 
 @njit(cache=True, parallel=True)
-def shaped_forward(values, defocus, table, shares, view, margin, out):  # type: ignore[no-untyped-def]
+def shaped_forward(values, defocus, table, shares, view, margin, out):
     """Fill ``out``, of the shape of ``values``; other arguments as in :func:`_scatter_rows`."""
     height = defocus.shape[0]
     reach = _row_reach(defocus)
@@ -217,7 +217,7 @@ def shaped_forward(values, defocus, table, shares, view, margin, out):  # type: 
 
 
 @njit(cache=True)
-def _gather_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-def]
+def _gather_block(gradient, at, part, change, sums):
     """Add the adjoint of :func:`_add_block` by the value and by the fractions' ``change``; two sums each."""
     even, odd, even_rise, odd_rise = sums
     first, second = load8(gradient, at), load8(gradient, at + LANES)
@@ -230,7 +230,7 @@ def _gather_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growths, sums):  # type: ignore[no-untyped-def]
+def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growths, sums):
     """Add the adjoint of :func:`_splat_blocks` to ``sums``: by the value, and by the step of the table."""
     rows, columns, parts = shape
     clipped, centre, lowest, drift = clip
@@ -259,7 +259,7 @@ def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growt
 
 
 @njit(cache=True)
-def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):
     """Fill row y of the gradients; ``gradient`` is flat, and its rows include the margin."""
     height, width = defocus.shape
     middle, starts = table.middle, table.first
@@ -304,7 +304,7 @@ def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_
 
 
 @njit(cache=True, parallel=True)
-def shaped_backward(values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+def shaped_backward(values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):
     """Fill ``grad_values`` and add to ``grad_defocus``; arguments as in :func:`_gather_row`."""
     for y in prange(defocus.shape[0]):
         _gather_row(

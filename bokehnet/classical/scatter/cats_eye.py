@@ -86,7 +86,7 @@ def every_second(view: View, x: int, y: int) -> View:
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _area_to(t):  # type: ignore[no-untyped-def]
+def _area_to(t):
     """Return the area under the unit circle's upper half from 0 to t, in t's own number type.
 
     The area beyond |t| is (1 - |t|)^(3/2) times a smooth function, here a polynomial that is exact for
@@ -104,13 +104,13 @@ def _area_to(t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def chord_room(rows):  # type: ignore[no-untyped-def]
+def chord_room(rows):
     """Return the number of chords that are computed for ``rows``: whole vectors on any machine."""
     return (rows + 15) // 16 * 16
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def find_chords(radius, u, v, lowest, highest, halves, growths):  # type: ignore[no-untyped-def]
+def find_chords(radius, u, v, lowest, highest, halves, growths):
     """Compute the interval that the second disc covers in each row of a shape.
 
     Args:
@@ -142,7 +142,7 @@ def find_chords(radius, u, v, lowest, highest, halves, growths):  # type: ignore
 
 
 @njit(cache=True)
-def _transmitted(table, middle, reach, step, along, u, v, halves):  # type: ignore[no-untyped-def]
+def _transmitted(table, middle, reach, step, along, u, v, halves):
     """Return the fraction of a shape's light that the second disc transmits."""
     number = table.parts.dtype.type
     radius = SMALLEST_RADIUS + (step + along) * STEP
@@ -158,7 +158,7 @@ def _transmitted(table, middle, reach, step, along, u, v, halves):  # type: igno
 
 
 @njit(cache=True)
-def _fill_shares(table, cats_eye, step, along, shares):  # type: ignore[no-untyped-def]
+def _fill_shares(table, cats_eye, step, along, shares):
     """Fill one entry of a table of fractions, (2, shifts, shifts)."""
     shifts, reach = shares.shape[2], table.reach[step]
     halves = np.empty(chord_room(2 * reach + 1), table.parts.dtype)
@@ -213,14 +213,14 @@ def _cached_shares(aperture: Aperture, dtype: str) -> list[np.ndarray]:
 
 
 @njit(cache=True, forceinline=True)
-def _between(shares, side, place, i, j, y, x):  # type: ignore[no-untyped-def]
+def _between(shares, side, place, i, j, y, x):
     above = (1.0 - x) * shares[side, place, i, j] + x * shares[side, place, i, j + 1]
     below = (1.0 - x) * shares[side, place, i + 1, j] + x * shares[side, place, i + 1, j + 1]
     return (1.0 - y) * above + y * below
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def share_at(shares, cats_eye, side, step, along, u, v):  # type: ignore[no-untyped-def]
+def share_at(shares, cats_eye, side, step, along, u, v):
     """Return the transmitted fraction of the light, and its derivative by the radius."""
     cells = shares.shape[2] - 1
     place_x = min(max((u / cats_eye + 1.0) * (0.5 * cells), 0.0), float(cells))

@@ -51,7 +51,7 @@ _MARGIN_PX = 1.5
 
 
 @njit(cache=True, parallel=True, fastmath=True)  # no additions: only the order of comparisons may change
-def _survey(values, defocus):  # type: ignore[no-untyped-def]
+def _survey(values, defocus):
     """Return the reach in rows of the discs of each row (-1: all sharp), and whether a value is negative."""
     height, width = defocus.shape
     reach, negative = np.empty(height, np.int64), np.zeros(height, np.bool_)
@@ -69,7 +69,7 @@ def _survey(values, defocus):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _stride(blocks):  # type: ignore[no-untyped-def]
+def _stride(blocks):
     """Return a step that visits all blocks once and gives each thread blocks of the whole picture."""
     step = max(1, int(0.618 * blocks))
     while math.gcd(step, blocks) != 1:
@@ -78,7 +78,7 @@ def _stride(blocks):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _four(array, y, x):  # type: ignore[no-untyped-def]
+def _four(array, y, x):
     """Return the four channels of a pixel in float64."""
     return (
         np.float64(array[y, x, 0]),
@@ -89,7 +89,7 @@ def _four(array, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _splat_whole(sums, stride, centre, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+def _splat_whole(sums, stride, centre, value, along, start, end, places, weights):
     """Write the ends of a disc that is inside the block, in all four quadrants."""
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
@@ -99,7 +99,7 @@ def _splat_whole(sums, stride, centre, value, along, start, end, places, weights
 
 
 @njit(cache=True)
-def _splat_half(sums, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+def _splat_half(sums, stride, line, x, width, value, along, start, end, places, weights):
     """Write some ends of a disc around column x, below ``line`` or, with negative ``stride``, above it.
 
     Ends left of the picture are written to its border, ends right of it to the pixel behind the last.
@@ -112,7 +112,7 @@ def _splat_half(sums, stride, line, x, width, value, along, start, end, places, 
 
 
 @njit(cache=True)
-def _list_disc(radius, nearest, farthest, border, first, places, weights):  # type: ignore[no-untyped-def]
+def _list_disc(radius, nearest, farthest, border, first, places, weights):
     """List the ends of a disc beyond the table, rows ``nearest`` to ``farthest``."""
     end = 0
     for k in range(nearest, farthest + 1):
@@ -122,14 +122,14 @@ def _list_disc(radius, nearest, farthest, border, first, places, weights):  # ty
 
 
 @njit(cache=True)
-def _new_lists(height, width):  # type: ignore[no-untyped-def]
+def _new_lists(height, width):
     """Return buffers for the ends of one disc on ``height`` rows: ``first``, ``places``, ``weights``."""
     longest = width + 3 * height + 8
     return np.empty((1, height + 2), np.int32), np.empty((longest, 2), np.int16), np.empty((longest, 2))
 
 
 @njit(cache=True)
-def _splat_rows(values, defocus, reach, table, top, bottom, sums):  # type: ignore[no-untyped-def]
+def _splat_rows(values, defocus, reach, table, top, bottom, sums):
     """Write all discs that reach the rows ``top`` to ``bottom`` (exclusive) to ``sums``."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
@@ -168,7 +168,7 @@ def _splat_rows(values, defocus, reach, table, top, bottom, sums):  # type: igno
 
 
 @njit(cache=True)
-def _sum_rows(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[no-untyped-def]
+def _sum_rows(values, defocus, top, bottom, lowest, sums, out):
     """Sum the differences along the rows ``top`` to ``bottom`` of ``out``, and add the sharp pixels."""
     width = defocus.shape[1]
     for y in range(top, bottom):
@@ -187,7 +187,7 @@ def _sum_rows(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[
 
 
 @njit(cache=True, parallel=True)
-def scatter_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
+def scatter_discs(values, defocus, table, out):
     """Scatter ``values`` (H, W, 4) over discs into ``out``.
 
     Args:
@@ -210,7 +210,7 @@ def scatter_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _read_half(rests, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+def _read_half(rests, stride, line, x, width, value, along, start, end, places, weights):
     """Return the adjoint of :func:`_splat_half`: gradients of the value (4) and the radius."""
     a, b, c, d, slope = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(np.uint64(start), np.uint64(end)):
@@ -227,7 +227,7 @@ def _read_half(rests, stride, line, x, width, value, along, start, end, places, 
 
 
 @njit(cache=True, parallel=True)
-def sum_from_end(gradient):  # type: ignore[no-untyped-def]
+def sum_from_end(gradient):
     """Return the sums of ``gradient`` (H, W, 4) from each pixel to the end of its row, flat (H (W + 1) 4)."""
     height, width, _ = gradient.shape
     rests = np.empty(height * (width + 1) * 4)
@@ -243,7 +243,7 @@ def sum_from_end(gradient):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):
     """Fill the gradients of the rows ``top`` to ``bottom`` (exclusive)."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
@@ -278,7 +278,7 @@ def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values
 
 
 @njit(cache=True, parallel=True)
-def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defocus):
     """Compute the adjoint of :func:`scatter_discs`; adds to ``grad_defocus``.
 
     Args:

@@ -39,7 +39,7 @@ _STEP_BITS = 16
 
 
 @njit(cache=True)
-def _segment(chord, radius):  # type: ignore[no-untyped-def]
+def _segment(chord, radius):
     """Return the area between a chord and its arc, and the arc's length; exact to 1e-9."""
     q = 0.5 * chord / radius
     if q < 0.05:
@@ -51,7 +51,7 @@ def _segment(chord, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def list_row(radius, k, farthest, start, places, weights):  # type: ignore[no-untyped-def]
+def list_row(radius, k, farthest, start, places, weights):
     """List the ends of row ``k`` >= 0 of a disc, and return the index behind the last one.
 
     Args:
@@ -115,7 +115,7 @@ class DiscTable(NamedTuple):
 
 
 @njit(cache=True)
-def _add_ends(radius, sign, dense):  # type: ignore[no-untyped-def]
+def _add_ends(radius, sign, dense):
     """Add ``sign`` times the ends of a disc to ``dense``, (rows, columns)."""
     size = dense.shape[0]
     places, weights = np.empty((size, 2), np.int32), np.empty((size, 2))
@@ -125,7 +125,7 @@ def _add_ends(radius, sign, dense):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fill(radii, first, places, weights):  # type: ignore[no-untyped-def]
+def _fill(radii, first, places, weights):
     """Fill the table's lists; return the number of ends."""
     size = first.shape[1] - 1
     count = 0
@@ -147,7 +147,7 @@ def _fill(radii, first, places, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def find_step(table, radius):  # type: ignore[no-untyped-def]
+def find_step(table, radius):
     """Return the step of the table for ``radius``, the offset from its start in pixels, its last row."""
     step = (np.float32(radius - _OFFSET).view(np.int32) >> _STEP_BITS) - _FIRST_STEP
     return step, radius - table.radii[step], table.reach[step]

@@ -19,7 +19,7 @@ def lattice_shape(height: int, width: int, y: int, x: int) -> tuple[int, int]:
 
 
 @njit(cache=True, parallel=True)
-def add_lattice(coarse, y, x, sums):  # type: ignore[no-untyped-def]
+def add_lattice(coarse, y, x, sums):
     """Add the interpolated lattice ``coarse`` (h, w, C) that starts at (y, x) to ``sums`` (H, W, C)."""
     height, width, channels = sums.shape
     for row in prange(height):
@@ -36,7 +36,7 @@ def add_lattice(coarse, y, x, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def gather_lattice(gradient, y, x, coarse):  # type: ignore[no-untyped-def]
+def gather_lattice(gradient, y, x, coarse):
     """Compute the adjoint of :func:`add_lattice`: fill ``coarse`` (h, w, C) from ``gradient`` (H, W, C)."""
     height, width, channels = gradient.shape
     for i in prange(coarse.shape[0]):

@@ -19,7 +19,7 @@ TILE = 8
 
 
 @njit(cache=True)
-def _merged_defocus(defocus, y, x, threshold, tolerance, excess):  # type: ignore[no-untyped-def]
+def _merged_defocus(defocus, y, x, threshold, tolerance, excess):
     """Return the half-size defocus of the block at (y, x); 0 if its discs are small or differ."""
     a, b = np.float64(defocus[y, x]), np.float64(defocus[y, x + 1])
     c, d = np.float64(defocus[y + 1, x]), np.float64(defocus[y + 1, x + 1])
@@ -32,7 +32,7 @@ def _merged_defocus(defocus, y, x, threshold, tolerance, excess):  # type: ignor
 
 
 @njit(cache=True)
-def _select_blocks(defocus, top, left, bottom, right, threshold, tolerance, excess, coarse_defocus):  # type: ignore[no-untyped-def]
+def _select_blocks(defocus, top, left, bottom, right, threshold, tolerance, excess, coarse_defocus):
     """Fill a tile of ``coarse_defocus`` by the radii alone; return whether any block can be merged."""
     any_merged = False
     for y in range(top, bottom, 2):
@@ -46,7 +46,7 @@ def _select_blocks(defocus, top, left, bottom, right, threshold, tolerance, exce
 
 
 @njit(cache=True)
-def _mean_magnitude(values, top, left, bottom, right):  # type: ignore[no-untyped-def]
+def _mean_magnitude(values, top, left, bottom, right):
     """Return the mean magnitude of the four channels over a tile."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for y in range(top, bottom):
@@ -60,7 +60,7 @@ def _mean_magnitude(values, top, left, bottom, right):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _outshines(values, y, x, mean, contrast):  # type: ignore[no-untyped-def]
+def _outshines(values, y, x, mean, contrast):
     """Return whether one of the four pixels at (y, x) exceeds ``contrast`` times the mean in a channel."""
     above = False
     for v in range(y, y + 2):
@@ -73,9 +73,7 @@ def _outshines(values, y, x, mean, contrast):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def merge_blocks(  # type: ignore[no-untyped-def]
-    values, defocus, threshold, tolerance, contrast, excess, coarse_values, coarse_defocus
-):
+def merge_blocks(values, defocus, threshold, tolerance, contrast, excess, coarse_values, coarse_defocus):
     """Move sources from the picture to its half.
 
     Args:
@@ -118,7 +116,7 @@ def merge_blocks(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def split_gradients(  # type: ignore[no-untyped-def]
+def split_gradients(
     excess, coarse_defocus, coarse_grad_values, coarse_grad_defocus, grad_values, grad_defocus
 ):
     """Compute the adjoint of :func:`merge_blocks`: overwrite the gradients of merged pixels."""
@@ -139,13 +137,13 @@ def split_gradients(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _second(i, size):  # type: ignore[no-untyped-def]
+def _second(i, size):
     """Return the coarse pixel second nearest to pixel i, of weight 1/4; the nearest has weight 3/4."""
     return min(max(i // 2 + 2 * (i % 2) - 1, 0), size - 1)
 
 
 @njit(cache=True, parallel=True)
-def add_doubled(coarse, sums):  # type: ignore[no-untyped-def]
+def add_doubled(coarse, sums):
     """Add ``coarse`` (ceil H/2, ceil W/2, 4), doubled by bilinear interpolation, to ``sums`` (H, W, 4)."""
     height, width, _ = sums.shape
     size = coarse.shape[1]
@@ -168,7 +166,7 @@ def add_doubled(coarse, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def halve_gradient(gradient, coarse):  # type: ignore[no-untyped-def]
+def halve_gradient(gradient, coarse):
     """Compute the adjoint of :func:`add_doubled`: ``coarse`` (ceil H/2, ceil W/2, 4) from ``gradient``."""
     height, width, _ = gradient.shape
     for coarse_row in prange(coarse.shape[0]):

@@ -111,7 +111,7 @@ def _disc_radius_table() -> RadiusTable:
 
 
 @njit(cache=True)
-def _list_disc(radius, rows, border, places, weights):  # type: ignore[no-untyped-def]
+def _list_disc(radius, rows, border, places, weights):
     """List the ends of one disc, down to ``rows`` (exclusive); return their number."""
     count = 0
     for k in range(rows):

@@ -23,7 +23,7 @@ def _broadcast_word(number: int) -> Any:
 
 
 @intrinsic
-def meets8(_, sets, rows, columns, width, first, last):  # type: ignore[no-untyped-def]
+def meets8(_, sets, rows, columns, width, first, last):
     """Return the mask of lanes whose set contains one of ``first`` to ``last``, both inclusive.
 
     Args:

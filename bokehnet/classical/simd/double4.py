@@ -45,7 +45,7 @@ def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any)
 
 
 @intrinsic
-def add_interval(typing_context, array, left, right, strength, numbers):  # type: ignore[no-untyped-def]
+def add_interval(typing_context, array, left, right, strength, numbers):
     """Add ``strength * numbers`` to four elements of ``array`` from ``left`` on; subtract it at ``right``.
 
     Args:
@@ -77,7 +77,7 @@ def _unpack(context: Any, builder: Any, signature: Any, vector: Any) -> Any:
 
 
 @intrinsic
-def load4(typing_context, array, index):  # type: ignore[no-untyped-def]
+def load4(typing_context, array, index):
     """Return ``array[index : index + 4]`` as a tuple; no bounds are checked.
 
     Args:
@@ -94,7 +94,7 @@ def load4(typing_context, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def difference(typing_context, array, left, right):  # type: ignore[no-untyped-def]
+def difference(typing_context, array, left, right):
     """Return ``array[left : left + 4] - array[right : right + 4]`` as a tuple; no bounds are checked.
 
     Args:

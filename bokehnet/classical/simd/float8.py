@@ -105,7 +105,7 @@ def _smaller(builder: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def load8(_, array, index):  # type: ignore[no-untyped-def]
+def load8(_, array, index):
     """Return eight numbers of the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -118,7 +118,7 @@ def load8(_, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def load4_twice(_, array, index):  # type: ignore[no-untyped-def]
+def load4_twice(_, array, index):
     """Return four numbers of the 1-D contiguous ``array`` from ``index`` on, twice; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -133,7 +133,7 @@ def load4_twice(_, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def repeat4(_, pixels):  # type: ignore[no-untyped-def]
+def repeat4(_, pixels):
     """Return four lanes: pixels 0 and 1 of a block four times each, then 2 and 3, and so on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -148,7 +148,7 @@ def repeat4(_, pixels):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store8(_, array, index, lanes):  # type: ignore[no-untyped-def]
+def store8(_, array, index, lanes):
     """Write eight numbers to the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -160,7 +160,7 @@ def store8(_, array, index, lanes):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def broadcast8(_, scalar):  # type: ignore[no-untyped-def]
+def broadcast8(_, scalar):
     """Return the same number eight times."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -170,7 +170,7 @@ def broadcast8(_, scalar):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def indices8(_, first):  # type: ignore[no-untyped-def]
+def indices8(_, first):
     """Return the numbers ``first`` to ``first + 7`` of the pixels of a block."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -181,7 +181,7 @@ def indices8(_, first):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def overlap8(_, distance, half):  # type: ignore[no-untyped-def]
+def overlap8(_, distance, half):
     """Return the part of pixels at ``distance`` within ``half`` - 1/2: half - |distance| in [0, 1]."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -194,7 +194,7 @@ def overlap8(_, distance, half):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def overlap_growth8(_, distance, half, half_growth, centre_growth):  # type: ignore[no-untyped-def]
+def overlap_growth8(_, distance, half, half_growth, centre_growth):
     """Return the derivative of :func:`overlap8` for the derivatives of ``half`` and the centre; all lanes."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -212,7 +212,7 @@ def overlap_growth8(_, distance, half, half_growth, centre_growth):  # type: ign
 
 
 @intrinsic
-def sum8(_, lanes):  # type: ignore[no-untyped-def]
+def sum8(_, lanes):
     """Return the sum of the eight numbers, always added in the same order."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -232,7 +232,7 @@ def sum8(_, lanes):  # type: ignore[no-untyped-def]
 
 def _elementwise(instruction: str) -> Any:
     @intrinsic
-    def compute(_, a, b):  # type: ignore[no-untyped-def]
+    def compute(_, a, b):
         def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             return getattr(builder, instruction)(*arguments, flags=("contract",))
 
@@ -245,7 +245,7 @@ def _overload_operator(symbol: Any, instruction: str) -> None:
     compute = _elementwise(instruction)
 
     @overload(symbol)
-    def choose(a, b):  # type: ignore[no-untyped-def]
+    def choose(a, b):
         both = isinstance(a, Float8) and a == b
         return (lambda a, b: compute(a, b)) if both else None
 
@@ -274,7 +274,7 @@ class _Mask8Model(models.PrimitiveModel):
 
 
 @intrinsic
-def less8(_, a, b):  # type: ignore[no-untyped-def]
+def less8(_, a, b):
     """Return the mask ``a < b``."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -284,7 +284,7 @@ def less8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def and8(_, a, b):  # type: ignore[no-untyped-def]
+def and8(_, a, b):
     """Return the conjunction of both masks."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -294,7 +294,7 @@ def and8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def and_not8(_, a, b):  # type: ignore[no-untyped-def]
+def and_not8(_, a, b):
     """Return the mask of ``a`` without ``b``."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -304,7 +304,7 @@ def and_not8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def any8(_, mask):  # type: ignore[no-untyped-def]
+def any8(_, mask):
     """Return whether a mask is set in any lane."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -315,7 +315,7 @@ def any8(_, mask):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def select8(_, mask, a, b):  # type: ignore[no-untyped-def]
+def select8(_, mask, a, b):
     """Return ``a`` where the mask is set, ``b`` elsewhere."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -325,7 +325,7 @@ def select8(_, mask, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def min8(_, a, b):  # type: ignore[no-untyped-def]
+def min8(_, a, b):
     """Return the smaller of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -335,7 +335,7 @@ def min8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def max8(_, a, b):  # type: ignore[no-untyped-def]
+def max8(_, a, b):
     """Return the larger of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -345,7 +345,7 @@ def max8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def divide8(_, a, b):  # type: ignore[no-untyped-def]
+def divide8(_, a, b):
     """Return ``a / b``; division by zero is not checked."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -358,7 +358,7 @@ def _apply(name: str) -> Any:
     """Return a function of one vector with the LLVM intrinsic ``name``."""
 
     @intrinsic
-    def compute(_, lanes):  # type: ignore[no-untyped-def]
+    def compute(_, lanes):
         def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             (value,) = arguments
             suffix = {"float": "f32", "double": "f64"}[str(value.type.element)]
@@ -385,7 +385,7 @@ def table_indices(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
 
 
 @intrinsic
-def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: ignore[no-untyped-def]
+def gather_pairs8(_, array, rows, columns, width, stride, offset):
     """Return two adjacent numbers of a table for each lane, as a tuple of two lanes.
 
     Args:
@@ -430,7 +430,7 @@ def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: igno
 
 
 @intrinsic
-def gather_triples8(_, array, rows, columns, places, width, count):  # type: ignore[no-untyped-def]
+def gather_triples8(_, array, rows, columns, places, width, count):
     """Return three adjacent numbers of a table for each lane, as a tuple of three lanes.
 
     Args:

@@ -1,43 +1,53 @@
 """``bokehnet compare``: one picture rendered by several engines, as a sheet and as a page with a slider."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
-from bokehnet.cli.options import OptionValues, with_options
+from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, with_options
+from bokehnet.cli.parser import SectionedCommand, argument
 from bokehnet.errors import ParameterError
 from bokehnet.settings.scene_settings import EngineSettings, OutputSettings
 from bokehnet.settings.settings import RenderSettings, group_types
 
 __all__ = ["compare"]
 
+_COMMON = COMMON_OPTIONS | {
+    "output": "Output file of the sheet.",
+    "truth": "Reference picture; adds scores and error images.",
+    "engines": "Engines or methods of the literature, joined by commas.",
+    "crop": "Crop to show, pixels.",
+    "html": "Web page that compares two pictures with a slider.",
+}
 
+
+@click.command(cls=SectionedCommand, common=_COMMON)
+@argument("image", metavar="IMAGE", help="All-in-focus picture, as for render.")
+@click.option("--output", "-o", required=True, metavar="FILE", help="Output file of the sheet.")
+@click.option(
+    "--engines",
+    default="scatter,rays",
+    metavar="NAME,...",
+    help="Engines or methods of the literature, joined by commas.",
+)
+@click.option("--truth", metavar="FILE", help="Reference picture; adds scores and error images.")
+@click.option(
+    "--crop", metavar="X,Y,W,H", help="Crop to show, pixels. Default: the two regions that differ most."
+)
+@click.option(
+    "page",
+    "--html",
+    metavar="FILE",
+    help="Output file of a web page that compares two pictures with a slider.",
+)
 @with_options([group for group in group_types() if group not in (EngineSettings, OutputSettings)])
 def compare(
-    image: Annotated[str, typer.Argument(metavar="IMAGE", help="All-in-focus picture, as for render.")],
-    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Output file of the sheet.")],
-    engines: Annotated[
-        str, typer.Option(metavar="NAME,...", help="Engines or methods of the literature, joined by commas.")
-    ] = "scatter,rays",
-    truth: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Reference picture; adds scores and error images.")
-    ] = None,
-    crop: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,W,H", help="Crop to show, pixels. Default: the two regions that differ most."
-        ),
-    ] = None,
-    page: Annotated[
-        str | None,
-        typer.Option(
-            "--html",
-            metavar="FILE",
-            help="Output file of a web page that compares two pictures with a slider.",
-        ),
-    ] = None,
-    *,
+    image: str,
+    output: str,
+    engines: str,
+    truth: str | None,
+    crop: str | None,
+    page: str | None,
     option_values: OptionValues,
 ) -> None:
     """Render a picture with several engines and show the results side by side.
@@ -46,9 +56,9 @@ def compare(
     """
     from bokehnet.cli.commands.compare_page import comparison_page  # after parsing, so --help stays fast
     from bokehnet.cli.progress import compile_notice, progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
-    from bokehnet.scene.focus import check_focus
+    from bokehnet.scene.focus_checks import check_focus
     from bokehnet.scene.scene import read_scene
     from bokehnet.tools.comparison import compare_engines, comparison_sheet, largest_difference_crops
 
@@ -73,7 +83,7 @@ def compare(
     if page is not None:
         write_text(page, comparison_page(scene.image, results, reference))
     for result in results:
-        typer.echo(result.line)
+        click.echo(result.line)
 
 
 def _place(text: str, height: int, width: int) -> tuple[int, int, int, int]:

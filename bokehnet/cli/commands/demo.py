@@ -1,23 +1,28 @@
 """``bokehnet demo``: the shipped demo picture at three focus distances."""
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import get_args
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand
 from bokehnet.settings.settings import EngineName
 
 __all__ = ["demo"]
 
 
+@click.command(cls=SectionedCommand)
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    default=Path("bokehnet_demo.png"),
+    help="Output file of the contact sheet; its extension sets the format.",
+)
+@click.option("--engine", default="rays", help=f"Engine: {', '.join(get_args(EngineName))}.")
 def demo(
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", help="Output file of the contact sheet; its extension sets the format."
-        ),
-    ] = Path("bokehnet_demo.png"),
-    engine: Annotated[str, typer.Option(help=f"Engine: {', '.join(get_args(EngineName))}.")] = "rays",
+    output: Path,
+    engine: str,
 ) -> None:
     """Render the shipped demo picture at three focus distances as a contact sheet."""
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
@@ -29,4 +34,4 @@ def demo(
     renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # checks the name
     with compile_notice(), progress("rendering", counted=False) as report:
         write_image(output, demo_sheet(renderer, report))
-    typer.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")
+    click.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")

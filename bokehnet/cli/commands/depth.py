@@ -1,10 +1,10 @@
 """``bokehnet depth``: disparity of a photo from a network or from its own file."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ParameterError
 
 __all__ = ["depth"]
@@ -12,29 +12,35 @@ __all__ = ["depth"]
 _MM_PER_M = 1000.0
 
 
+@click.command(cls=SectionedCommand)
+@argument("image", type=PATH, help="Photo, HEIC included; EXR and HDR are read as linear.")
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    required=True,
+    help="Output: EXR, or PNG for relative disparity; near is bright.",
+)
+@click.option(
+    "--model",
+    type=PATH,
+    metavar="NAME|FILE.onnx",
+    help="Depth network: an ONNX file, or a name listed by `bokehnet models`. Default: the map in "
+    "a phone's photo.",
+)
+@click.option(
+    "--convention",
+    metavar="NAME|FILE.toml",
+    help="Input and output format of an ONNX file as --model: depth-anything-v2 (default), "
+    "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a TOML file.",
+)
+@click.option("--threads", type=click.IntRange(min=0), default=0, help="Number of threads; 0 uses all cores.")
 def depth(
-    image: Annotated[Path, typer.Argument(help="Photo, HEIC included; EXR and HDR are read as linear.")],
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="Output: EXR, or PNG for relative disparity; near is bright."),
-    ],
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="NAME|FILE.onnx",
-            help="Depth network: an ONNX file, or a name listed by `bokehnet models`. Default: the map in "
-            "a phone's photo.",
-        ),
-    ] = None,
-    convention: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.toml",
-            help="Input and output format of an ONNX file as --model: depth-anything-v2 (default), "
-            "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a TOML file.",
-        ),
-    ] = None,
-    threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0 uses all cores.")] = 0,
+    image: Path,
+    output: Path,
+    model: Path | None,
+    convention: str | None,
+    threads: int,
 ) -> None:
     """Write the disparity map of a photo, estimated by a network or stored by a phone.
 
@@ -81,7 +87,7 @@ def depth(
         values = resample(values, *size)
     write_map(output, values * _MM_PER_M if metric else values, channel="disparity")
     if metric:
-        typer.echo(f"wrote {output}: metric disparity, use it as --depth {output} --depth-unit 1/m")
+        click.echo(f"wrote {output}: metric disparity, use it as --depth {output} --depth-unit 1/m")
 
 
 def _check_extension(output: Path, kind: str | None) -> None:

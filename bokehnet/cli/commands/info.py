@@ -1,19 +1,20 @@
 """``bokehnet info``: description of an image file."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 
 __all__ = ["info"]
 
 
+@click.command(cls=SectionedCommand)
+@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, HEIC, EXR, HDR or PFM.")
 def info(
-    file: Annotated[
-        Path, typer.Argument(help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM.")
-    ],
+    file: Path,
 ) -> None:
-    """Print size, channels, colour space and depth range of an image."""
+    """Print size, channels, colour space, depth and gain map of an image."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
     from bokehnet.io.info import image_info
 
@@ -32,12 +33,17 @@ def info(
         "channels": f"{' '.join(description.channels)} ({description.pixel_type}){parts}",
         "read as": decoded,
     }
+    if description.pixel_aspect != 1:
+        rows["pixels"] = f"{description.pixel_aspect:.4g} times as wide as high"
+    for name, text in (("depth map", description.depth_map), ("gain map", description.gain_map)):
+        if text:
+            rows[name] = text
     for name, values in description.ranges.items():
         non_finite = [
             f"{count} {kind}" for count, kind in ((values.infinite, "infinite"), (values.nan, "NaN")) if count
         ]
         rows[f"range of {name}"] = ", ".join([f"{values.lowest:g} to {values.highest:g}", *non_finite])
     width = max(map(len, rows))
-    typer.echo(file)
+    click.echo(file)
     for label, text in rows.items():
-        typer.echo(f"  {label:<{width}}  {text}")
+        click.echo(f"  {label:<{width}}  {text}")

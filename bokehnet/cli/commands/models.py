@@ -2,21 +2,27 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
+from bokehnet.cli.parser import SectionedCommand, argument
 from bokehnet.errors import MissingExtraError, ModelFileError, ParameterError
 
 if TYPE_CHECKING:
     from bokehnet.inference.depth_models import DepthModel
+    from bokehnet.inference.model_download import DownloadOffer
+    from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["ensure_model", "models"]
+__all__ = ["ensure_depth", "ensure_model", "models"]
 
 
+@click.command(cls=SectionedCommand)
+@argument("name", required=False, help="Network to describe. Default: list all.")
+@click.option("--get", is_flag=True, help="Download it; this accepts its licence.")
 def models(
-    name: Annotated[str | None, typer.Argument(help="Network to describe. Default: list all.")] = None,
-    get: Annotated[bool, typer.Option("--get", help="Download it; this accepts its licence.")] = False,
+    name: str | None,
+    get: bool,
 ) -> None:
     """List the depth networks that --depth-model accepts by name, describe one, or download it."""
     from bokehnet.inference.depth_models import depth_model_names, find_depth_model
@@ -27,7 +33,7 @@ def models(
             raise ParameterError("--get", expected="the name of a network before it", shown="none")
         width = max(len(model.name) for model in known)
         for model in known:
-            typer.echo(f"{model.name:{width}}  {_state(model):14}  {model.licence:13}  {model.about}")
+            click.echo(f"{model.name:{width}}  {_state(model):14}  {model.licence:13}  {model.about}")
         return
     selected = find_depth_model(name)
     if selected is None:
@@ -36,7 +42,7 @@ def models(
     if get:
         from bokehnet.inference.model_download import model_file
 
-        typer.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
+        click.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
         return
     rows = {
         "about": selected.about,
@@ -48,11 +54,12 @@ def models(
         "convention": selected.convention,
         "revision": selected.revision or "not pinned",
         "sha256": selected.sha256 or "not pinned",
+        "attested": selected.attested or "not pinned",
     }
     for key, value in rows.items():
-        typer.echo(f"{key:11} {value}")
+        click.echo(f"{key:11} {value}")
     if selected.refusal:
-        typer.echo(f"{'refused':11} {selected.refusal}")
+        click.echo(f"{'refused':11} {selected.refusal}")
 
 
 def ensure_model(reference: Path | str | None) -> None:
@@ -75,17 +82,59 @@ def ensure_model(reference: Path | str | None) -> None:
             return  # a file
         names = ", ".join(depth_model_names())
         raise ModelFileError(f"{reference}: expected an ONNX file, or one of {names}, found neither")
-    from bokehnet.inference.model_download import cached_file, consent_text, downloads_allowed, model_file
+    _fetch(model)
 
-    if cached_file(model) is not None:
+
+def ensure_depth(image: Path, settings: "RenderSettings") -> None:
+    """Ensure that the depth of a picture is known; on a terminal, offer to download a network for it.
+
+    Args:
+        image: File of the picture.
+        settings: Settings of the render.
+
+    Raises:
+        ParameterError: There is no depth; the message contains the command that downloads a network.
+        ModelFileError, MissingExtraError: As :func:`ensure_model`.
+    """
+    from bokehnet.scene.depth.depth_source import EmbeddedDepth, depth_source
+    from bokehnet.scene.depth.embedded_depth import has_own_depth, no_depth_error
+
+    if not isinstance(depth_source(settings), EmbeddedDepth):
+        ensure_model(settings.input.depth_model)
         return
-    agreed = downloads_allowed()
-    if not agreed and sys.stdin.isatty() and sys.stderr.isatty():
-        typer.echo(consent_text(model), err=True)
-        agreed = typer.confirm("Download it?", err=True)
-        if not agreed:
-            raise ModelFileError(f"{model.name}: download declined; any ONNX file can be used instead")
-    model_file(model, allowed=agreed)
+    if has_own_depth(image):
+        return
+    from bokehnet.inference.depth_models import recommended_model
+    from bokehnet.inference.model_download import downloads_allowed
+    from bokehnet.scene.depth.network_depth import cached_network
+
+    if cached_network() is not None:
+        return
+    model = recommended_model()
+    if model is None or not (_is_terminal() or downloads_allowed()):
+        raise no_depth_error(image)
+    click.echo(f"{image} has no depth map; a network can estimate it.", err=True)
+    _fetch(model)
+
+
+def _fetch(model: "DepthModel") -> None:
+    """Download a network unless it is on this machine, after asking on a terminal."""
+    from bokehnet.inference.model_download import cached_file, downloads_allowed, fetch_model, model_file
+
+    if not (_is_terminal() or downloads_allowed()):
+        model_file(model)  # raises unless it is on this machine
+        return
+    if cached_file(model) is None:
+        fetch_model(model, _agree)
+
+
+def _agree(offer: "DownloadOffer") -> bool:
+    click.echo(offer.text, err=True)
+    return click.confirm("Download it?", err=True)
+
+
+def _is_terminal() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def _state(model: "DepthModel") -> str:

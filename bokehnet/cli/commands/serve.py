@@ -1,11 +1,15 @@
 """``bokehnet serve``: rendering as a service."""
 
+import click
+
 from bokehnet.cli.options import OptionValues, with_options
+from bokehnet.cli.parser import SectionedCommand
 from bokehnet.serve.service_settings import ServiceSettings
 
 __all__ = ["serve"]
 
 
+@click.command(cls=SectionedCommand)
 @with_options([ServiceSettings])
 def serve(*, option_values: OptionValues) -> None:
     """Run a render service over HTTP: POST /v1/jobs; the API is described at /openapi.json."""

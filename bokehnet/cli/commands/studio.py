@@ -3,37 +3,41 @@
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
-from bokehnet.cli.options import OptionValues, resolved_settings, with_options
+from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
+from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.settings.preset import presets
 from bokehnet.settings.settings import group_types
 
 __all__ = ["studio"]
 
+_COMMON = COMMON_OPTIONS | {
+    "settings": "Initial settings, TOML.",
+    "port": "Local port. Default: any free port.",
+    "no-browser": "Print the address without opening a browser.",
+}
 
+
+@click.command(cls=SectionedCommand, common=_COMMON)
+@argument(
+    "image", required=False, metavar="[IMAGE]", help="All-in-focus picture; can also be dropped on the page."
+)
+@click.option(
+    "--preset", metavar="NAME|FILE.toml", help="Initial preset.", shell_complete=completion(presets)
+)
+@click.option("--settings", metavar="FILE.toml", help="Initial settings; preset and options override them.")
+@click.option("--port", metavar="N", help="Local port. Default: any free port.")
+@click.option("--no-browser", is_flag=True, help="Print the address without opening a browser.")
 @with_options(group_types())
 def studio(
-    image: Annotated[
-        str | None,
-        typer.Argument(metavar="[IMAGE]", help="All-in-focus picture; can also be dropped on the page."),
-    ] = None,
-    preset: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|FILE.toml", help="Initial preset.", autocompletion=presets),
-    ] = None,
-    settings: Annotated[
-        str | None,
-        typer.Option(metavar="FILE.toml", help="Initial settings; preset and options override them."),
-    ] = None,
-    port: Annotated[str | None, typer.Option(metavar="N", help="Local port. Default: any free port.")] = None,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
-    ] = False,
-    *,
+    image: str | None,
+    preset: str | None,
+    settings: str | None,
+    port: str | None,
+    no_browser: bool,
     option_values: OptionValues,
 ) -> None:
     """Open an interactive page in the browser; nothing leaves this machine."""
@@ -54,14 +58,15 @@ def studio(
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # runs the cleanup below
     try:
         if image is not None:
-            typer.echo(f"bokehnet: opening {image}", err=True)
+            click.echo(f"bokehnet: opening {image}", err=True)
             session.open(Path(image), resolved)
+        session.preset = preset if preset in presets() else ""
         session.start()
         serve(
             session,
             port=int(port or 0),
             browser=not no_browser,
-            tell=lambda address: typer.echo(
+            tell=lambda address: click.echo(
                 f"bokehnet studio: {address}\nOnly this machine can reach it. Press Ctrl-C to stop."
             ),
         )

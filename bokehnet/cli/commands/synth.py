@@ -1,32 +1,43 @@
 """``bokehnet synth``: rendering of training pairs."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
+
+from bokehnet.cli.parser import PATH, SectionedCommand
 
 __all__ = ["synth"]
 
 
+@click.command(cls=SectionedCommand)
+@click.option(
+    "--config",
+    type=PATH,
+    required=True,
+    help="Configuration of the data set, TOML; see configs/synth_*.toml.",
+)
+@click.option(
+    "--out", type=PATH, required=True, help="Folder for the shards; an unfinished set in it is completed."
+)
+@click.option("--workers", type=click.IntRange(min=1), default=1, help="Number of rendering processes.")
+@click.option(
+    "--ray",
+    metavar="ADDRESS",
+    help="Ray cluster to render on: HOST:PORT, ray://HOST:PORT or auto (needs extra: cluster).",
+)
+@click.option(
+    "settings",
+    "--set",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a value of the configuration, such as scenes=100.",
+)
 def synth(
-    config: Annotated[
-        Path, typer.Option(help="Configuration of the data set, TOML; see configs/synth_*.toml.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for the shards; an unfinished set in it is completed.")],
-    workers: Annotated[int, typer.Option(min=1, help="Number of rendering processes.")] = 1,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Ray cluster to render on: HOST:PORT, ray://HOST:PORT or auto (needs extra: cluster).",
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Override a value of the configuration, such as scenes=100."
-        ),
-    ] = None,
+    config: Path,
+    out: Path,
+    workers: int,
+    ray: str | None,
+    settings: tuple[str, ...],
 ) -> None:
     """Render random scenes with the ray tracer and write them as training pairs."""
     from bokehnet.cli.progress import progress

@@ -4,10 +4,11 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ParameterError
 
 __all__ = ["trace"]
@@ -18,49 +19,51 @@ _METHODS = ("distribution", "accumulation", "peeled")
 _DEFAULT_LAYERS, _DEFAULT_TILES = 6, 32
 
 
+@click.command(cls=SectionedCommand)
+@argument("scene", type=PATH, help="Scene file, TOML; see configs/scene_*.toml.")
+@click.option(
+    "--output", "-o", type=PATH, required=True, help="Output file, EXR; an unfinished one is continued."
+)
+@click.option(
+    "--method",
+    metavar="NAME",
+    help="distribution (default): the rays of each pixel cover the pupil; accumulation: average of "
+    "pinhole pictures over the pupil; peeled: successive surfaces along pinhole rays.",
+)
+@click.option("--samples", type=click.IntRange(min=1), help="Rays per pixel. Default: as in the scene.")
+@click.option(
+    "--views", type=click.IntRange(min=1), help="With --method accumulation: number of pinhole pictures."
+)
+@click.option("--adaptive", is_flag=True, help="Trace more rays in noisy pixels; --samples is then the mean.")
+@click.option("--seed", type=int, help="Random seed. Default: as in the scene.")
+@click.option("--width", type=int, help="Width, pixels. Default: as in the scene.")
+@click.option("--height", type=int, help="Height, pixels. Default: as in the scene.")
+@click.option(
+    "--layers",
+    type=click.IntRange(min=1),
+    help="With --method peeled (implied): surfaces per pixel. Default: 6.",
+)
+@click.option(
+    "--tiles", type=click.IntRange(min=1), help="Number of strips to trace one by one, which saves memory."
+)
+@click.option("--ray", metavar="ADDRESS", help="Ray cluster to trace the strips on: address, or auto.")
+@click.option("--device", default="cpu", help="Device that traces the rays: cpu or cuda.")
+@click.option("--fresh", is_flag=True, help="Start anew and replace an existing output file.")
 def trace(
-    scene: Annotated[Path, typer.Argument(help="Scene file, TOML; see configs/scene_*.toml.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Output file, EXR; an unfinished one is continued.")
-    ],
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="distribution (default): the rays of each pixel cover the pupil; accumulation: average of "
-            "pinhole pictures over the pupil; peeled: successive surfaces along pinhole rays.",
-        ),
-    ] = None,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="Rays per pixel. Default: as in the scene.")
-    ] = None,
-    views: Annotated[
-        int | None, typer.Option(min=1, help="With --method accumulation: number of pinhole pictures.")
-    ] = None,
-    adaptive: Annotated[
-        bool,
-        typer.Option("--adaptive", help="Trace more rays in noisy pixels; --samples is then the mean."),
-    ] = False,
-    seed: Annotated[int | None, typer.Option(help="Random seed. Default: as in the scene.")] = None,
-    width: Annotated[int | None, typer.Option(help="Width, pixels. Default: as in the scene.")] = None,
-    height: Annotated[int | None, typer.Option(help="Height, pixels. Default: as in the scene.")] = None,
-    layers: Annotated[
-        int | None,
-        typer.Option(min=1, help="With --method peeled (implied): surfaces per pixel. Default: 6."),
-    ] = None,
-    tiles: Annotated[
-        int | None, typer.Option(min=1, help="Number of strips to trace one by one, which saves memory.")
-    ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            "--ray", metavar="ADDRESS", help="Ray cluster to trace the strips on: address, or auto."
-        ),
-    ] = None,
-    device: Annotated[str, typer.Option(help="Device that traces the rays: cpu or cuda.")] = "cpu",
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start anew and replace an existing output file.")
-    ] = False,
+    scene: Path,
+    output: Path,
+    method: str | None,
+    samples: int | None,
+    views: int | None,
+    adaptive: bool,
+    seed: int | None,
+    width: int | None,
+    height: int | None,
+    layers: int | None,
+    tiles: int | None,
+    ray: str | None,
+    device: str,
+    fresh: bool,
 ) -> None:
     """Ray-trace a scene: bokeh, all-in-focus picture, depth, normals and more in one EXR file.
 
@@ -179,7 +182,7 @@ def _trace_film(job: Any, output: Path, device: str, fresh: bool, advance: Any) 
     film = load_film(output, job.digest, device) if output.exists() and not fresh else tracer.begin()
     samples = job.render.samples
     if film.samples >= samples:
-        typer.echo(f"{output} already has {film.samples} samples")
+        click.echo(f"{output} already has {film.samples} samples")
         return
     first = film.samples
     try:
@@ -193,7 +196,7 @@ def _trace_film(job: Any, output: Path, device: str, fresh: bool, advance: Any) 
             names = [body.name for body in job.world.bodies]
             maps = tracer.maps()
             save_film(output, film, replace(maps, depth=job.sensor_depth(maps.depth)), job.digest, names)
-            typer.echo(f"wrote {output}: {film.samples} of {samples} samples")
+            click.echo(f"wrote {output}: {film.samples} of {samples} samples")
 
 
 def _peel_layers(job: Any, output: Path, device: str, layers: int) -> None:
@@ -213,7 +216,7 @@ def _peel_layers(job: Any, output: Path, device: str, layers: int) -> None:
             progress=report,
         )
     save_layers(output, replace(peeled, depth=job.sensor_depth(peeled.depth)))
-    typer.echo(f"wrote {output}: {layers} layers")
+    click.echo(f"wrote {output}: {layers} layers")
 
 
 def _check_device(device: str) -> None:

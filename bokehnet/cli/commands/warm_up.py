@@ -1,8 +1,10 @@
 """``bokehnet warm-up``: compilation of kernels in advance, e.g. in a container image."""
 
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
+
+from bokehnet.cli.parser import SectionedCommand
 
 __all__ = ["warm_up"]
 
@@ -20,10 +22,12 @@ _LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 
+@click.command(cls=SectionedCommand)
+@click.option(
+    "everything", "--all", is_flag=True, help="Also compile for aperture shapes, lenses, fringes and grain."
+)
 def warm_up(
-    everything: Annotated[
-        bool, typer.Option("--all", help="Also compile for aperture shapes, lenses, fringes and grain.")
-    ] = False,
+    everything: bool,
 ) -> None:
     """Compile all kernels of a render once for this machine, by rendering small pictures."""
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
@@ -40,4 +44,4 @@ def warm_up(
         report(len(looks), len(looks))
     variants = [code for kernel in KERNELS.values() for code in kernel.machine_code.values()]
     shipped = sum(code is not None for code in variants)
-    typer.echo(f"ready: {shipped} kernels shipped precompiled, {len(variants) - shipped} compiled by numba")
+    click.echo(f"ready: {shipped} kernels shipped precompiled, {len(variants) - shipped} compiled by numba")

@@ -3,73 +3,71 @@
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.lens.copy import copy
 from bokehnet.cli.lens.fit import fit
 from bokehnet.cli.lens.tables import aberrations, preset, profile, transfer
-from bokehnet.cli.options import QuickGroup
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ParameterError
 
 __all__ = ["lens"]
 
 
-class _LensGroup(QuickGroup):
+class _LensGroup(click.Group):
     """Group of lens commands; any other first word is the name of a lens to show."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if ctx.resilient_parsing and not args:  # completion of the first word
+            return super().parse_args(ctx, args)
         if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
             args = ["show", *args]
-        return super().parse_args(ctx, args)  # type: ignore[no-any-return]
+        return super().parse_args(ctx, args)
 
 
-lens = typer.Typer(
-    name="lens",
-    help="Show, import, compare, fit and tabulate lenses. `bokehnet lens NAME` is `bokehnet lens show NAME`.",
-    cls=_LensGroup,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode=None,
+@click.group(cls=_LensGroup)
+def lens() -> None:
+    """Show, import, compare, fit and tabulate lenses. `bokehnet lens NAME` is `bokehnet lens show NAME`."""
+
+
+_focal = click.option("--focal", type=float, help="Focal length to scale the lens to, mm.")
+_f_number = click.option("--f-number", type=float, help="F-number to stop down to. Default: wide open.")
+_focus = click.option(
+    "--focus", type=float, help="Focus distance, metres from the entrance pupil. Default: infinity."
 )
-
-_Focal = Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")]
-_FNumber = Annotated[float | None, typer.Option(help="F-number to stop down to. Default: wide open.")]
-_Focus = Annotated[
-    float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
-]
-_Paraxial = Annotated[
-    bool,
-    typer.Option(
-        "--paraxial", help="Focus paraxial rays, instead of minimising the blur of the full aperture."
-    ),
-]
-_Sheet = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", help="Output file of the sheet: .html, .pdf, or an image such as .png."),
-]
+_paraxial = click.option(
+    "--paraxial",
+    is_flag=True,
+    help="Focus paraxial rays, instead of minimising the blur of the full aperture.",
+)
+_sheet = click.option(
+    "--output", "-o", type=PATH, help="Output file of the sheet: .html, .pdf, or an image such as .png."
+)
 # Extensions of sheets that are web pages; others are figures.
 _PAGES = (".html", ".htm")
-_Json = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
+_json = click.option("as_json", "--json", is_flag=True, help="Print the numbers as JSON.")
 
 
-@lens.command()
+@lens.command(cls=SectionedCommand)
+@argument("name", required=False, help="Name in the catalog, or a lens file. Default: list the catalog.")
+@_focal
+@_f_number
+@_focus
+@_paraxial
+@click.option("--plot", type=PATH, help="Output file of a plot: lens, spots and depth of field.")
+@click.option(
+    "--psf-sheet", type=PATH, help="Output file of a sheet of traced and modelled point spread functions."
+)
 def show(
-    name: Annotated[
-        str | None,
-        typer.Argument(help="Name in the catalog, or a lens file. Default: list the catalog."),
-    ] = None,
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
-    paraxial: _Paraxial = False,
-    plot: Annotated[
-        Path | None, typer.Option(help="Output file of a plot: lens, spots and depth of field.")
-    ] = None,
-    psf_sheet: Annotated[
-        Path | None,
-        typer.Option(help="Output file of a sheet of traced and modelled point spread functions."),
-    ] = None,
+    name: str | None,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
+    paraxial: bool,
+    plot: Path | None,
+    psf_sheet: Path | None,
 ) -> None:
     """Print focal length, pupils and light transmission of a lens, or list the catalog."""
     from bokehnet.lenses.catalog import catalog_names, find_prescription
@@ -82,7 +80,7 @@ def show(
         width = max(map(len, names))
         for entry in names:
             listed = find_prescription(entry)
-            typer.echo(f"  {entry:<{width}}  {listed.focal_length:g} mm f/{listed.f_number:g}, {listed.name}")
+            click.echo(f"  {entry:<{width}}  {listed.focal_length:g} mm f/{listed.f_number:g}, {listed.name}")
         return
     loaded = _load(name, focal, f_number, focus, paraxial)
     rows = describe_lens(loaded)
@@ -100,28 +98,32 @@ def show(
     if psf_sheet is not None:
         rows["blur of points"] = _draw_psfs(loaded, psf_sheet)
     width = max(map(len, rows))
-    typer.echo(loaded.prescription.name)
+    click.echo(loaded.prescription.name)
     for label, text in rows.items():
-        typer.echo(f"  {label:<{width}}  {text}")
+        click.echo(f"  {label:<{width}}  {text}")
 
 
-@lens.command("import")
+@lens.command("import", cls=SectionedCommand)
+@argument(
+    "file",
+    type=PATH,
+    help="Lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is its second configuration.",
+)
+@click.option("--output", "-o", type=PATH, help="Output file, .toml.")
+@click.option(
+    "--glasses",
+    type=PATH,
+    multiple=True,
+    help="Glass catalogue: AGF, YAML of refractiveindex.info, or a folder; repeatable.",
+)
 def import_file(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="Lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is its second configuration."
-        ),
-    ],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Output file, .toml.")] = None,
-    glasses: Annotated[
-        list[Path] | None,
-        typer.Option(help="Glass catalogue: AGF, YAML of refractiveindex.info, or a folder; repeatable."),
-    ] = None,
+    file: Path,
+    output: Path | None,
+    glasses: tuple[Path, ...],
 ) -> None:
     """Read a lens file of another program, describe it, and convert it to bokehnet's format."""
     from bokehnet.errors import ConfigError
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.files.reading import import_lens
     from bokehnet.lenses.prescription import PrescriptionLens
     from bokehnet.lenses.prescription_toml import prescription_toml
@@ -133,25 +135,33 @@ def import_file(
     if output is not None:
         write_text(output, prescription_toml(imported.prescription), error=ConfigError)
     glass = sum(row.medium() is not None for row in imported.prescription.surfaces)
-    typer.echo(imported.prescription.name)
-    typer.echo(f"  {loaded.focal_length:.6g} mm f/{loaded.min_f_number:.4g}, {glass} glass elements")
+    click.echo(imported.prescription.name)
+    click.echo(f"  {loaded.focal_length:.6g} mm f/{loaded.min_f_number:.4g}, {glass} glass elements")
     for sentence in imported.notes:
-        typer.echo(f"  {sentence}")
+        click.echo(f"  {sentence}")
     if imported.skipped:
         ignored = ", ".join(f"{key} ({count})" for key, count in sorted(imported.skipped.items()))
-        typer.echo(f"  ignored: {ignored}")
+        click.echo(f"  ignored: {ignored}")
 
 
-@lens.command()
+@lens.command(cls=SectionedCommand)
+@argument("first", help="Name in the catalog, or a lens file.")
+@argument("second", help="Lens to compare it with.")
+@_sheet
+@_focal
+@_f_number
+@_focus
+@_paraxial
+@_json
 def compare(
-    first: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
-    second: Annotated[str, typer.Argument(help="Lens to compare it with.")],
-    output: _Sheet = None,
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
-    paraxial: _Paraxial = False,
-    as_json: _Json = False,
+    first: str,
+    second: str,
+    output: Path | None,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
+    paraxial: bool,
+    as_json: bool,
 ) -> None:
     """Print the data of two lenses side by side, or draw their sheets side by side."""
     from bokehnet.lenses.reports.facts import lens_facts
@@ -163,7 +173,7 @@ def compare(
     if output is not None:
         _write_sheet(lenses, output)
     if as_json:
-        typer.echo(json.dumps([lens_curves(one) for one in lenses], indent=2))
+        click.echo(json.dumps([lens_curves(one) for one in lenses], indent=2))
         return
     both = [lens_facts(one) for one in lenses]
     rows = [("", *(str(facts["name"]) for facts in both))]
@@ -171,18 +181,25 @@ def compare(
     rows += [(label, columns[0][label], columns[1][label]) for label in columns[0]]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     for row in rows:
-        typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+        click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
-@lens.command()
+@lens.command(cls=SectionedCommand)
+@argument("name", help="Name in the catalog, or a lens file.")
+@_sheet
+@_focal
+@_f_number
+@_focus
+@_paraxial
+@_json
 def report(
-    name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
-    output: _Sheet = None,
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
-    paraxial: _Paraxial = False,
-    as_json: _Json = False,
+    name: str,
+    output: Path | None,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
+    paraxial: bool,
+    as_json: bool,
 ) -> None:
     """Draw all data of a lens on one sheet, or print it as JSON."""
     from bokehnet.lenses.reports.report_sheet import lens_curves
@@ -195,7 +212,7 @@ def report(
     if output is not None:
         _write_sheet([loaded], output)
     if as_json:
-        typer.echo(json.dumps(lens_curves(loaded), indent=2))
+        click.echo(json.dumps(lens_curves(loaded), indent=2))
 
 
 def _check_sheet(output: Path) -> None:
@@ -208,7 +225,7 @@ def _check_sheet(output: Path) -> None:
 def _write_sheet(lenses: list[Any], output: Path) -> None:
     from bokehnet.cli.progress import progress
     from bokehnet.errors import ImageFileError
-    from bokehnet.io.atomic import write_text
+    from bokehnet.io.files.atomic import write_text
     from bokehnet.lenses.reports.report_sheet import report_figure, report_page
     from bokehnet.tools.figure_file import write_figure
 
@@ -221,12 +238,8 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
         report_progress(1, 1)
 
 
-lens.command()(copy)
-lens.command()(fit)
-lens.command()(aberrations)
-lens.command()(preset)
-lens.command()(profile)
-lens.command()(transfer)
+for _command in (copy, fit, aberrations, preset, profile, transfer):
+    lens.add_command(_command)
 
 
 def _flat(facts: dict[str, Any]) -> dict[str, str]:

@@ -3,10 +3,11 @@
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ConfigError, ParameterError
 
 __all__ = ["copy"]
@@ -15,31 +16,42 @@ __all__ = ["copy"]
 _MAX_COPIES = 1000
 
 
+@click.command(cls=SectionedCommand)
+@argument("name", help="Name in the catalog, or a lens file.")
+@click.option("--output", "-o", type=PATH, help="Output file of the copy, a lens file, .toml.")
+@click.option(
+    "--copy-to-copy",
+    type=float,
+    default=1.0,
+    help="Factor on the tolerances below: 0 is the design, 1 (default) the tolerances.",
+)
+@click.option("--seed", type=int, default=0, help="Number of the copy, from 0.")
+@click.option("--copies", type=int, default=1, help="Number of copies to analyse, starting with --seed.")
+@click.option("--decentre", type=float, default=0.02, help="Tolerance of the decentre of elements, mm.")
+@click.option("--tilt", type=float, default=0.02, help="Tolerance of the tilt of elements, degrees.")
+@click.option("--spacing", type=float, default=0.02, help="Tolerance of the air gaps, mm.")
+@click.option("--focal", type=float, help="Focal length to scale the lens to, mm.")
+@click.option("--f-number", type=float, help="F-number to stop down to. Default: wide open.")
+@click.option(
+    "--focus", type=float, help="Focus distance, metres from the entrance pupil. Default: infinity."
+)
+@click.option("as_json", "--json", is_flag=True, help="Print the numbers as JSON.")
 def copy(
-    name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Output file of the copy, a lens file, .toml.")
-    ] = None,
-    copy_to_copy: Annotated[
-        float,
-        typer.Option(help="Factor on the tolerances below: 0 is the design, 1 (default) the tolerances."),
-    ] = 1.0,
-    seed: Annotated[int, typer.Option(help="Number of the copy, from 0.")] = 0,
-    copies: Annotated[int, typer.Option(help="Number of copies to analyse, starting with --seed.")] = 1,
-    decentre: Annotated[float, typer.Option(help="Tolerance of the decentre of elements, mm.")] = 0.02,
-    tilt: Annotated[float, typer.Option(help="Tolerance of the tilt of elements, degrees.")] = 0.02,
-    spacing: Annotated[float, typer.Option(help="Tolerance of the air gaps, mm.")] = 0.02,
-    focal: Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")] = None,
-    f_number: Annotated[
-        float | None, typer.Option(help="F-number to stop down to. Default: wide open.")
-    ] = None,
-    focus: Annotated[
-        float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+    name: str,
+    output: Path | None,
+    copy_to_copy: float,
+    seed: int,
+    copies: int,
+    decentre: float,
+    tilt: float,
+    spacing: float,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
+    as_json: bool,
 ) -> None:
     """Misalign the elements of a lens, as in manufactured copies, and print the effects."""
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.assembly.misalignment import misalignment
     from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy
     from bokehnet.lenses.catalog import load_lens
@@ -66,9 +78,9 @@ def copy(
     if output is not None and copied is not None:
         write_text(output, prescription_toml(copied.prescription), error=ConfigError)
     if as_json:
-        typer.echo(json.dumps(rows, indent=2))
+        click.echo(json.dumps(rows, indent=2))
         return
-    typer.echo(f"{design.prescription.name}, {design.focal_length:.4g} mm f/{design.thick.f_number:.3g}")
+    click.echo(f"{design.prescription.name}, {design.focal_length:.4g} mm f/{design.thick.f_number:.3g}")
     heads = (
         "",
         "focal, mm",
@@ -81,7 +93,7 @@ def copy(
     lines = [heads, *(_cells(row) for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
     for line in lines:
-        typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+        click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
 def _with_iris_of(design: Any, prescription: Any) -> Any:

@@ -3,10 +3,11 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ConfigError, ParameterError
 
 __all__ = ["fit"]
@@ -14,34 +15,34 @@ __all__ = ["fit"]
 _GREY = (0.2126, 0.7152, 0.0722)
 
 
+@click.command(cls=SectionedCommand)
+@argument(
+    "photo", type=PATH, help="Uncropped photo with defocused, unclipped lights; with --sharp: any photo."
+)
+@click.option("--output", "-o", type=PATH, required=True, help="Output file of the preset, .toml.")
+@click.option(
+    "--lights",
+    default="auto",
+    help="Discs to fit: auto (default), or X,Y,RADIUS in pixels, separated by semicolons.",
+)
+@click.option("--in-front", is_flag=True, help="The lights are in front of focus instead of behind it.")
+@click.option("--residual", type=PATH, help="Output image: photo, fit, and 4 times their difference.")
+@click.option("--sharp", type=PATH, help="All-in-focus picture of the same view; also fits blur and focus.")
+@click.option("--disparity", type=PATH, help="With --sharp: its disparity map; bright is near.")
 def fit(
-    photo: Annotated[
-        Path,
-        typer.Argument(help="Uncropped photo with defocused, unclipped lights; with --sharp: any photo."),
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output file of the preset, .toml.")],
-    lights: Annotated[
-        str,
-        typer.Option(help="Discs to fit: auto (default), or X,Y,RADIUS in pixels, separated by semicolons."),
-    ] = "auto",
-    in_front: Annotated[
-        bool, typer.Option("--in-front", help="The lights are in front of focus instead of behind it.")
-    ] = False,
-    residual: Annotated[
-        Path | None, typer.Option(help="Output image: photo, fit, and 4 times their difference.")
-    ] = None,
-    sharp: Annotated[
-        Path | None, typer.Option(help="All-in-focus picture of the same view; also fits blur and focus.")
-    ] = None,
-    disparity: Annotated[
-        Path | None, typer.Option(help="With --sharp: its disparity map; bright is near.")
-    ] = None,
+    photo: Path,
+    output: Path,
+    lights: str,
+    in_front: bool,
+    residual: Path | None,
+    sharp: Path | None,
+    disparity: Path | None,
 ) -> None:
     """Fit aperture and fringes of a lens to the defocused lights of a photo, or to a pair of pictures."""
     import numpy as np
 
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
     from bokehnet.lenses.fit.discs import find_discs
     from bokehnet.lenses.fit.fit import fit_look
@@ -70,7 +71,7 @@ def fit(
         write_image(residual, np.hstack([image, fitted.rendered, difference]))
     _print_values(rows, fitted.deviation)
     others = ", ".join(f"{count}: {value:.4f}" for count, value in sorted(fitted.residual_by_blades.items()))
-    typer.echo(f"  {len(fitted.discs)} discs; residual light {fitted.residual:.4f}; by blades {others}")
+    click.echo(f"  {len(fitted.discs)} discs; residual light {fitted.residual:.4f}; by blades {others}")
 
 
 def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual: Path | None) -> None:
@@ -78,7 +79,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
     import numpy as np
 
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import write_text
+    from bokehnet.io.files.atomic import write_text
     from bokehnet.io.image import read_image, write_image
     from bokehnet.scene.depth.depth_source import RelativeDisparity
     from bokehnet.scene.scene import read_scene
@@ -101,7 +102,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
         write_image(residual, np.hstack([reduced, fitted.rendered, difference]).astype(np.float32))
     _print_values({"blur": fitted.blur, "focus": fitted.focus} | rows, fitted.deviation)
     others = ", ".join(f"{count}: {value:.4f}" for count, value in sorted(fitted.residuals.items()))
-    typer.echo(f"  residual of square roots of light {fitted.residual:.4f}; by blades {others}")
+    click.echo(f"  residual of square roots of light {fitted.residual:.4f}; by blades {others}")
 
 
 # Option, field of a fitted look, and number of decimals to write.
@@ -132,7 +133,7 @@ def _print_values(rows: dict[str, float], deviation: dict[str, float]) -> None:
     """Print each value with its standard deviation."""
     for name, value in rows.items():
         sigma = deviation.get(_OPTIONS[name][0] if name in _OPTIONS else name)
-        typer.echo(f"  {name:<18}{value:>9.4g}" + ("" if sigma is None else f"  +- {sigma:.2g}"))
+        click.echo(f"  {name:<18}{value:>9.4g}" + ("" if sigma is None else f"  +- {sigma:.2g}"))
 
 
 def _discs(text: str) -> list[Any]:

@@ -4,37 +4,45 @@ import dataclasses
 import math
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import typer
+import click
 
+from bokehnet.cli.parser import PATH, SectionedCommand, argument
 from bokehnet.errors import ConfigError, ParameterError
 
 __all__ = ["aberrations", "preset", "profile", "transfer"]
 
-_Name = Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")]
-_Focal = Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")]
-_FNumber = Annotated[float | None, typer.Option(help="F-number to stop down to. Default: wide open.")]
-_Focus = Annotated[
-    float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
-]
+_name = argument("name", help="Name in the catalog, or a lens file.")
+_focal = click.option("--focal", type=float, help="Focal length to scale the lens to, mm.")
+_f_number = click.option("--f-number", type=float, help="F-number to stop down to. Default: wide open.")
+_focus = click.option(
+    "--focus", type=float, help="Focus distance, metres from the entrance pupil. Default: infinity."
+)
 
 
+@click.command(cls=SectionedCommand)
+@_name
+@click.option("--output", "-o", type=PATH, required=True, help="Output file of the table, .csv.")
+@click.option(
+    "--theory",
+    type=click.Choice(("traced", "seidel")),
+    default="traced",
+    help="Rays through the glass (traced), or third-order theory at 64 wavelengths (seidel).",
+)
+@_focal
+@_f_number
+@_focus
 def aberrations(
-    name: _Name,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output file of the table, .csv.")],
-    theory: Annotated[
-        Literal["traced", "seidel"],
-        typer.Option(
-            help="Rays through the glass (traced), or third-order theory at 64 wavelengths (seidel)."
-        ),
-    ] = "traced",
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
+    name: str,
+    output: Path,
+    theory: Literal["traced", "seidel"],
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
 ) -> None:
     """Write the aberrations of a lens as a table by wavelength, for --aberration-table."""
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
     from bokehnet.lenses.seidel_lens import seidel_aberration_map
@@ -44,24 +52,31 @@ def aberrations(
     table = seidel_aberration_map(lens) if theory == "seidel" else fit_aberration_map(lens)
     write_text(output, aberration_table(table, _remarks(lens)), error=ConfigError)
     wavelengths, rims = len(table.wavelengths), len(table.vignetting_apertures)
-    typer.echo(f"wrote {output}: {wavelengths} wavelengths, {rims} vignetting apertures")
+    click.echo(f"wrote {output}: {wavelengths} wavelengths, {rims} vignetting apertures")
 
 
+@click.command(cls=SectionedCommand)
+@_name
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    required=True,
+    help="Output file of the preset, .toml; adds a .csv of the same name.",
+)
+@_focal
+@_f_number
+@_focus
 def preset(
-    name: _Name,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", help="Output file of the preset, .toml; adds a .csv of the same name."
-        ),
-    ],
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
+    name: str,
+    output: Path,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
 ) -> None:
     """Convert a lens to a preset: a table of its aberrations, and its vignetting."""
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
     from bokehnet.lenses.aberrations.lens_preset import lens_preset
 
@@ -90,28 +105,31 @@ def preset(
         ]
     write_text(table, aberration_table(look.aberrations, _remarks(lens)), error=ConfigError)
     write_text(output, "\n".join([*lines, ""]), error=ConfigError)
-    typer.echo(description)
-    typer.echo(
+    click.echo(description)
+    click.echo(
         f"  largest error of the vignetting: {100 * look.light_error:.2g} % of the light at the centre"
     )
 
 
+@click.command(cls=SectionedCommand)
+@_name
+@click.option("--output", "-o", type=PATH, help="Output file of the table, .npz, usable as a lens file.")
+@click.option("--degree", type=int, default=4, help="Degree of the polynomials, 1 to 8.")
+@click.option("--one-colour", is_flag=True, help="Use only the design wavelength instead of 400 to 700 nm.")
+@_focal
+@_f_number
+@_focus
 def transfer(
-    name: _Name,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Output file of the table, .npz, usable as a lens file."),
-    ] = None,
-    degree: Annotated[int, typer.Option(help="Degree of the polynomials, 1 to 8.")] = 4,
-    one_colour: Annotated[
-        bool, typer.Option("--one-colour", help="Use only the design wavelength instead of 400 to 700 nm.")
-    ] = False,
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
+    name: str,
+    output: Path | None,
+    degree: int,
+    one_colour: bool,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
 ) -> None:
     """Fit the ray transfer function of a lens, print its ray errors, and store it."""
-    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.transfer import TransferLens
     from bokehnet.lenses.lookup.transfer_file import transfer_errors, write_transfer
     from bokehnet.lenses.prescription import PrescriptionLens
@@ -130,27 +148,33 @@ def transfer(
     rows = transfer_errors(lens)
     if output is not None:
         write_atomic(output, lambda path: _store(write_transfer, lens, path), error=ConfigError)
-    typer.echo(f"{lens.prescription.name}, degree {lens.degree}: {lens.table.coefficients.size} numbers")
-    typer.echo("  field       rms, µm   largest, µm   rays that differ")
+    click.echo(f"{lens.prescription.name}, degree {lens.degree}: {lens.table.coefficients.size} numbers")
+    click.echo("  field       rms, µm   largest, µm   rays that differ")
     for row in rows:
         zone = f"{row.zone[0]:.1f} to {row.zone[1]:.1f}"
-        typer.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.disagreement:17.2g} %")
+        click.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.disagreement:17.2g} %")
 
 
+@click.command(cls=SectionedCommand)
+@_name
+@click.option("--output", "-o", type=PATH, help="Output file of the texture with its lens, .npz.")
+@click.option("--rows", type=int, default=64, help="Number of image distances in the texture, 2 to 4096.")
+@click.option("--columns", type=int, default=64, help="Number of radii in the texture, 2 to 4096.")
+@_focal
+@_f_number
+@_focus
 def profile(
-    name: _Name,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Output file of the texture with its lens, .npz.")
-    ] = None,
-    rows: Annotated[int, typer.Option(help="Number of image distances in the texture, 2 to 4096.")] = 64,
-    columns: Annotated[int, typer.Option(help="Number of radii in the texture, 2 to 4096.")] = 64,
-    focal: _Focal = None,
-    f_number: _FNumber = None,
-    focus: _Focus = None,
+    name: str,
+    output: Path | None,
+    rows: int,
+    columns: int,
+    focal: float | None,
+    f_number: float | None,
+    focus: float | None,
 ) -> None:
     """Trace the profile texture of a lens, compare it with the aberration map, and store it."""
     from bokehnet.cli.progress import progress
-    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.profile_comparison import compare_profiles
     from bokehnet.lenses.lookup.profile_file import write_profile
 
@@ -170,11 +194,11 @@ def profile(
         write_atomic(
             output, lambda path: _store(partial(write_profile, texture), lens, path), error=ConfigError
         )
-    typer.echo(f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}")
-    typer.echo(f"  {'':<16}   bytes    build, s       blur, ms  error on the axis  at 0.5  at 0.9")
+    click.echo(f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}")
+    click.echo(f"  {'':<16}   bytes    build, s       blur, ms  error on the axis  at 0.5  at 0.9")
     for kind in kinds:
         near, half, far = kind.errors
-        typer.echo(
+        click.echo(
             f"  {kind.name:<16}{kind.bytes:8d}{kind.build_seconds:12.2f}{1000 * kind.blur_seconds:15.0f}"
             f"{near:19.4f}{half:8.4f}{far:8.4f}"
         )

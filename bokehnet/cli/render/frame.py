@@ -1,34 +1,53 @@
 """Frames: jobs with their files, checks before rendering, and the rendering of one frame."""
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
-from bokehnet.cli.progress import stages
+from bokehnet.cli.progress import stages, write_above
+from bokehnet.cli.render.checks import check_job
+from bokehnet.cli.render.large_blur import large_blur_notice, largest_set_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.engine_registry import DEFAULT_ENGINE
+from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
-from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
-from bokehnet.io.image import check_writable
-from bokehnet.io.overwrite_guard import check_overwrite
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.io.formats.finished import is_finished
+from bokehnet.io.image import read_image
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth
-from bokehnet.scene.focus import check_focus
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.scene import read_scene
-from bokehnet.sequence.frame_names import frame_path, is_pattern
+from bokehnet.sequence.frame_names import existing_frames, frame_path, is_pattern
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
-from bokehnet.sequence.shot import Shot
+from bokehnet.sequence.shot import Shot, frames_of_shot, probe_frames
+from bokehnet.sequence.temporal_filter import REACH_FRAMES
+from bokehnet.sequence.tracking import TrackedPoint, track_through
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["FrameJob", "frame_jobs", "make_renderer", "render_frame", "render_one"]
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = [
+    "FrameJob",
+    "check_track",
+    "context_jobs",
+    "frame_jobs",
+    "make_renderer",
+    "render_frame",
+    "render_one",
+    "tracked_path",
+    "write_track_notice",
+]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,7 +60,7 @@ class FrameJob:
         settings: Settings of the render.
         number: Frame number in its sequence.
         shot: Decisions common to all frames of the shot.
-        index: Index of the frame in the shot, from 0.
+        is_probe: True if the frame decides about the repair of the shot.
     """
 
     image: Path
@@ -49,41 +68,27 @@ class FrameJob:
     settings: RenderSettings
     number: int = 0
     shot: Shot = field(default_factory=Shot)
-    index: int = 0
+    is_probe: bool = False
+
+    @property
+    def is_finished(self) -> bool:
+        """True if the output is whole, readable and of the size of the picture."""
+        return is_finished(self.output, self.image, self.settings.input.supersampled)
 
     def check(self) -> None:
         """Raise unless the settings are consistent and the result can be written; reads no picture."""
-        check_focus(self.settings)
-        check_writable(self.output)
-        check_output(self.output, self.settings.output)
-        if self.settings.engine.max_memory is not None and self.output.suffix.lower() in WHOLE_EXTENSIONS:
-            raise ParameterError(
-                "engine.max_memory",
-                "no limit for AVIF and HEIC, whose encoders need the whole picture",
-                self.settings.engine.max_memory,
-                "leave it out, or write .jpg, .png or .tif",
-            )
-        try:
-            inputs, is_reduced = input_files(self.settings).values(), self.settings.input.supersampled > 1
-            check_overwrite(self.output, self.image, inputs, reduced=is_reduced)
-        except ParameterError as error:
-            raise error.renamed("--output") from error
-        folder = self.settings.output.save_maps
-        if folder is None:
-            return
-        nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not nearest.is_dir():
-            raise ImageFileError(f"`output.save_maps`: expected a folder, found the file {nearest}")
-        if not os.access(nearest, os.W_OK | os.X_OK):
-            raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
+        check_job(self.image, self.output, self.settings)
 
 
-def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
+def frame_jobs(
+    job: FrameJob, sequence: SequenceSettings, path: Sequence[TrackedPoint] = ()
+) -> dict[int, FrameJob]:
     """Return the job of each frame.
 
     Args:
         job: Job for all frames; its paths may have a placeholder for the frame number.
         sequence: Frame numbers, and settings that change over them.
+        path: Positions of the tracked thing, see :func:`tracked_path`.
 
     Raises:
         ParameterError: All results would go to one file, or overwrite an input.
@@ -96,9 +101,100 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             expected="a name with a placeholder for the frame, such as out.####.png",
             shown=str(job.output),
         )
+    jobs = _jobs_of(job, sequence, frames, path)
+    inputs = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
+    for one in jobs.values():
+        if one.output in inputs:
+            raise ParameterError(
+                "--output",
+                expected="a name different from all inputs",
+                shown=f"{one.output}, an input of a frame",
+            )
+        one.check()
+        check_focus(one.settings, automatic=len(jobs) == 1)
+    return jobs
+
+
+def context_jobs(
+    job: FrameJob, sequence: SequenceSettings, path: Sequence[TrackedPoint] = ()
+) -> dict[int, FrameJob]:
+    """Return the jobs of the existing frames that :func:`decided_jobs` reads in addition to those to render.
+
+    These are the frames within reach of the temporal filter, and those that decide about the repair of the
+    shot: a part of a shot equals these frames of the entire shot. Arguments as for :func:`frame_jobs`.
+    """
+    selected = sequence.frames or ()
+    patterns = [path for path in (job.image, *input_files(job.settings).values()) if is_pattern(path)]
+    if not patterns:
+        return {}
+    shot = frames_of_shot(set.intersection(*map(existing_frames, patterns)), selected)
+    probes = set(probe_frames(shot)) if shot else set()
+    near = {number + offset for number in selected for offset in range(-REACH_FRAMES, REACH_FRAMES + 1)}
+    frames = [number for number in shot if number in near or number in probes]
+    jobs = _jobs_of(job, sequence, frames, path)
+    return {number: replace(one, is_probe=number in probes) for number, one in jobs.items()}
+
+
+def tracked_path(job: FrameJob, sequence: SequenceSettings) -> list[TrackedPoint]:
+    """Return the positions of the thing to follow in the frames of ``sequence``; empty without one.
+
+    Reads the pictures of all existing frames from the one in which the position is known. Writes a notice
+    to stderr if the thing is lost.
+
+    Raises:
+        ParameterError: The position is no pixel of that frame, or the frame does not exist.
+        BokehnetError: A picture cannot be read.
+    """
+    frames = sequence.frames or ()
+    if sequence.track is None or not frames:
+        return []
+    x, y, start = (*sequence.track, frames[0])[:3]
+    first, last = min(start, frames[0]), max(start, frames[-1])
+    existing = existing_frames(job.image) if is_pattern(job.image) else range(first, last + 1)
+    numbers = [number for number in sorted(existing) if first <= number <= last]
+
+    def read(number: int) -> "npt.NDArray[np.float32]":
+        light = read_image(frame_path(job.image, number))
+        return linear_to_srgb(light.clip(0, 1)).astype("float32")
+
+    if start not in numbers:
+        raise ParameterError("sequence.track", expected="a frame that exists", shown=f"frame {start}")
+    check_track(x, y, *read(start).shape[1::-1])
+    path = track_through(read, numbers, x, y, start)
+    write_track_notice(path, start)
+    return path
+
+
+def check_track(x: int, y: int, width: int, height: int) -> None:
+    """Raise unless a pixel lies inside the picture."""
+    if not (x < width and y < height):
+        raise ParameterError(
+            "sequence.track", expected=f"a pixel inside the picture of {width}x{height}", shown=f"{x},{y}"
+        )
+
+
+def write_track_notice(path: Sequence[TrackedPoint], start: int) -> None:
+    """Write a line to stderr for each side of ``start`` on which the thing is lost."""
+    for side in (
+        [point for point in path if point.number >= start],
+        [point for point in reversed(path) if point.number <= start],
+    ):
+        lost = next((point for point in side if point.is_lost), None)
+        if lost is not None:
+            write_above(
+                f"bokehnet: note: --track loses the thing in frame {lost.number}; from there the focus stays "
+                f"on the pixel {lost.x:.0f},{lost.y:.0f}"
+            )
+
+
+def _jobs_of(
+    job: FrameJob, sequence: SequenceSettings, frames: Sequence[int], path: Sequence[TrackedPoint]
+) -> dict[int, FrameJob]:
     base = job.settings
+    if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
+        base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
-    pull = make_pull(frames, sequence, metric=metric)
+    pull = make_pull(sequence.frames or (), sequence, metric=metric, path=path)
     maps = base.output.save_maps
     jobs = {}
     for frame in frames:
@@ -111,15 +207,6 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             settings=settings,
             number=frame,
         )
-    inputs = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
-    for one in jobs.values():
-        if one.output in inputs:
-            raise ParameterError(
-                "--output",
-                expected="a name different from all inputs",
-                shown=f"{one.output}, an input of a frame",
-            )
-        one.check()
     return jobs
 
 
@@ -130,7 +217,8 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
     """
     if settings.engine.max_memory is None:
         keep_freed_memory()
-    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+    engine = settings.engine
+    renderer = BokehRenderer(engine.name, weights=engine.weights, threads=threads, cache_bytes=0)
     renderer.check(settings)
     return renderer
 
@@ -140,6 +228,8 @@ def render_frame(
     renderer: BokehRenderer,
     begin: Callable[[str], Progress] = lambda label: ignore_progress,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
+    *,
+    warn: bool = False,
 ) -> FrameSummary:
     """Read, render and write one frame; the output file appears complete or not at all.
 
@@ -149,6 +239,7 @@ def render_frame(
         begin: Callback that begins a stage by its label and returns its progress callback.
         meanwhile: Factory of a context manager around reading and depth repair, which leave Python's
             interpreter lock free most of the time.
+        warn: True to print the expected time of a very large blur.
 
     Raises:
         BokehnetError: A file cannot be read or written, or settings and files are inconsistent.
@@ -156,13 +247,19 @@ def render_frame(
     times = [perf_counter()]
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
         report = begin("reading")
-        source = job.shot.source(job.index, job.settings)
+        source = job.shot.source(job.number, job.settings)
         check_memory(job.image, job.settings)
         scenes = [read_scene(job.image, job.settings, source=source, number=job.number, progress=report)]
         check_output(job.output, job.settings.output, scenes[0].frame)
         times.append(perf_counter())
         report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
+    if warn and largest_set_blur(job.settings) == 0:  # otherwise asked before reading
+        width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
+        radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
+        engine = job.settings.engine.name or DEFAULT_ENGINE
+        if notice := large_blur_notice(engine, width, height, radius):
+            write_above(notice)
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused
@@ -186,4 +283,4 @@ def render_frame(
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
     """Render a frame with a progress bar for each long stage, unless ``quiet``."""
     with stages(hidden=quiet) as begin:
-        return render_frame(job, make_renderer(job.settings), begin, loading_kernels)
+        return render_frame(job, make_renderer(job.settings), begin, loading_kernels, warn=not quiet)

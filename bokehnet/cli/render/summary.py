@@ -2,19 +2,24 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import typer
+import click
 
 from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import write_above
-from bokehnet.errors import ParameterError
 from bokehnet.render.result import RenderReport
 from bokehnet.sequence.shot import Shot
 
-__all__ = ["FrameSummary", "SummaryPrinter", "make_summary_printer"]
+__all__ = ["FrameSummary", "SummaryPrinter", "assumed"]
+
+
+def assumed(assumptions: Sequence[str]) -> str:
+    """Return the end of a summary line that names what neither settings nor files define."""
+    words = "; ".join(with_option_names(text) for text in assumptions)
+    return f"; assumed: {words}" if words else ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,7 +44,9 @@ class FrameSummary:
         """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
-        return f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        parts.append(self.report.light)
+        line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
+        return line + assumed(self.report.assumptions)
 
     def steps(self) -> str:
         """Return the time of each step and the pixel filter as one line."""
@@ -63,6 +70,8 @@ class FrameSummary:
             "pixel_filter": report.pixel_filter and str(report.pixel_filter.pixel_filter),
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
+            "assumptions": [with_option_names(text) for text in report.assumptions],
+            "recovered_light": report.light,
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
@@ -130,8 +139,31 @@ class SummaryPrinter:
             _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
-            smoothed = ", maps smoothed in time" if shot.steady is not None else ""
-            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s")
+            around = f" with {_count(shot.around)} around them" if shot.around else ""
+            smoothed = f", maps smoothed in time{around}" if shot.steady is not None else ""
+            line = f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s"
+            _print_line(line + assumed(done[min(done)].report.assumptions if done else ()))
+
+    def print_batch(
+        self, done: Mapping[str, FrameSummary], *, existing: int, failed: Mapping[str, str], seconds: float
+    ) -> None:
+        """Print the summary of many pictures, and a line for each failure, also if ``quiet``.
+
+        Args:
+            done: Summaries of the rendered pictures by file.
+            existing: Number of pictures whose results existed before.
+            failed: Error messages of the failed pictures by file.
+            seconds: Total time.
+        """
+        if self.as_json:
+            pictures = {name: summary.table() for name, summary in done.items()}
+            table = {"pictures": pictures, "there": existing, "failed": dict(failed)}
+            _print_json(table | {"seconds": round(seconds, 3)})
+        elif not self.quiet:
+            skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
+            _print_line(f"{_count(len(done), 'picture')} rendered{skipped}, {seconds:.1f} s")
+        for name, message in failed.items():
+            _print_line(f"failed: {name}: {with_option_names(message)}")
 
     def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Print the summary of a frame if ``verbose``, and the notes of the first frame."""
@@ -142,23 +174,16 @@ class SummaryPrinter:
             write_above(f"bokehnet: frame {frame}: {summary.line()} ({summary.steps()})")
 
 
-def make_summary_printer(*, quiet: bool, verbose: bool, as_json: bool) -> SummaryPrinter:
-    """Return a printer of summaries; raise ``ParameterError`` if the options contradict each other."""
-    if quiet and verbose:
-        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
-    return SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
-
-
 def _print_line(text: str) -> None:
-    typer.echo(f"bokehnet: {text}", err=True)
+    click.echo(f"bokehnet: {text}", err=True)
 
 
 def _print_json(table: dict[str, Any]) -> None:
-    typer.echo(json.dumps(table, allow_nan=False))
+    click.echo(json.dumps(table, allow_nan=False))
 
 
-def _count(frames: int) -> str:
-    return f"{frames} frame{'' if frames == 1 else 's'}"
+def _count(number: int, noun: str = "frame") -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _peak_memory() -> str:

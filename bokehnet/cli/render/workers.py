@@ -28,7 +28,7 @@ from bokehnet.sequence.frame_names import format_frames
 from bokehnet.sequence.shot import Shot
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
+__all__ = ["available_cores", "render_frames", "render_here", "render_in_processes", "try_frame"]
 
 # Frames on completion, each with its summary or its error message.
 Outcomes = Generator[tuple[int, FrameSummary | str], None, None]
@@ -44,18 +44,20 @@ def available_cores() -> int:
 def render_frames(
     jobs: Mapping[int, FrameJob],
     *,
+    context: Mapping[int, FrameJob] | None = None,
     processes: int = 1,
     cluster: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
     overwrite: bool = False,
     steady: bool = True,
     printer: SummaryPrinter | None = None,
 ) -> None:
-    """Render all frames whose outputs do not exist; atomic writes guarantee that existing ones are complete.
+    """Render all frames whose outputs do not exist, or are empty, truncated or of another size.
 
     A frame that fails prints an error to stderr and does not stop the others.
 
     Args:
-        jobs: Frame number to job, all frames of the shot.
+        jobs: Frame number to job, all frames to render.
+        context: Further frames of the shot to read; see :func:`decided_jobs`.
         processes: Number of parallel processes; each gets an equal number of the cores.
         cluster: Function that renders jobs elsewhere, with the interface of :func:`render_in_processes`.
         overwrite: True to render existing outputs again.
@@ -66,7 +68,7 @@ def render_frames(
         BokehnetError: Some frames failed, or the renderer cannot be made.
     """
     printer, begun = printer or SummaryPrinter(), perf_counter()
-    pending = [frame for frame, job in jobs.items() if overwrite or not job.output.exists()]
+    pending = [frame for frame, job in jobs.items() if overwrite or not job.is_finished]
     done: dict[int, FrameSummary] = {}
     failed: dict[int, str] = {}
     settings = next(iter(jobs.values())).settings  # equal for all frames where a renderer depends on them
@@ -75,8 +77,8 @@ def render_frames(
         decided, shot = dict(jobs), Shot()
         if pending:
             with stages(hidden=printer.quiet) as begin:
-                context = decided_jobs(jobs, renderer, steady=steady, begin=begin)
-                decided, shot = stack.enter_context(context)
+                decisions = decided_jobs(jobs, renderer, context=context, steady=steady, begin=begin)
+                decided, shot = stack.enter_context(decisions)
         remaining = {frame: decided[frame] for frame in pending}
         outcomes: Outcomes
         if cluster is not None:
@@ -88,7 +90,7 @@ def render_frames(
                 remaining, settings, min(processes, len(remaining)), quiet=printer.quiet
             )
         else:
-            outcomes = _render_in_process(remaining, renderer)
+            outcomes = render_here(remaining, renderer)
         with progress("rendering frames", hidden=printer.quiet) as report, closing(outcomes):
             report(0, len(remaining))
             for count, (frame, outcome) in enumerate(outcomes, start=1):
@@ -108,9 +110,10 @@ def render_frames(
         )
 
 
-def _render_in_process(
+def render_here(
     jobs: Mapping[int, FrameJob], renderer: BokehRenderer
 ) -> Generator[tuple[int, FrameSummary | str], None, None]:
+    """Render ``jobs`` in this process and yield each with its summary or its error message."""
     for frame, job in jobs.items():
         yield frame, try_frame(job, renderer)
 

@@ -5,10 +5,9 @@ side falls below its surface. Sharpening spreads these extremes, so that a head 
 than its centre.
 
 Method: clamp values at edges to the range of nearby flat regions. A region is flat if its local range is
-    small
-compared with the range of the surroundings. Only excesses of 1.5 % to 12 % of the edge height are clamped:
-larger ones are separate objects. Slopes are flat up to their end, and a wire has no flat region at its own
-height.
+small compared with the range of the surroundings. Only excesses of 1.5 % to 12 % of the edge height are
+clamped: larger ones are separate objects. Slopes are flat up to their end, and a wire has no flat region at
+its own height.
 
 In: a soft map (H, W), any unit and offset. Out: the map in the same unit.
 """
@@ -16,9 +15,10 @@ In: a soft map (H, W), any unit and offset. Out: the map in the same unit.
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.stages.edge_sharpening import MIN_EDGE_HEIGHT, extend_rows, local_extremes
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import extend_rows, local_extremes
 
-__all__ = ["remove_overshoots"]
+__all__ = ["overshoot_fraction", "remove_overshoots"]
 
 # Half widths of the flatness window and of the search window for flat regions, pixels; maximum side of a map
 # at this scale, pixels. Larger maps were enlarged together with their overshoots and are subsampled.
@@ -63,6 +63,20 @@ def remove_overshoots(disparity: np.ndarray) -> np.ndarray:
         return np.asarray(values[inner], np.float32)
 
     return make_in_row_blocks(make, disparity.shape, np.float32)
+
+
+def overshoot_fraction(disparity: np.ndarray, flat: np.ndarray) -> float:
+    """Return the fraction of the pixels near depth edges that overshoot, 0 to 1.
+
+    Args:
+        disparity: Map, (H, W), any unit and offset.
+        flat: The same map from :func:`remove_overshoots`.
+    """
+    stride = max(1, max(disparity.shape) // _MAX_SIDE_PX)
+    disparity, flat = disparity[::stride, ::stride], flat[::stride, ::stride]
+    low, high = local_extremes(disparity, _SEARCH_RADIUS_PX)
+    near_edges = high - low > MIN_EDGE_HEIGHT * float(np.ptp(disparity))
+    return float((near_edges & (flat != disparity)).sum() / max(near_edges.sum(), 1))
 
 
 def _with_subsampled_changes(disparity: np.ndarray, stride: int) -> np.ndarray:

@@ -29,7 +29,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.stages.edge_sharpening import local_extremes
+from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.line_profile import (
     CONTRAST_RADIUS_PX,
     STEP_PX,
@@ -126,8 +126,8 @@ def _distance_to_end(disparity, depth, min_height, y, x, down, right):  # type: 
 
 
 @njit(cache=True)
-def _trace(picture, disparity, min_height, y, x, depth, angle, likely, open_ends, points):  # type: ignore[no-untyped-def]
-    """Trace a line to a piece with the disparity ``depth``, or to an open end if ``open_ends``.
+def _trace(picture, disparity, min_height, y, x, depth, angle, likely, points):  # type: ignore[no-untyped-def]
+    """Trace a line to a piece with the disparity ``depth``, or to an open end.
 
     Likely lines may leave the picture.
 
@@ -146,17 +146,14 @@ def _trace(picture, disparity, min_height, y, x, depth, angle, likely, open_ends
         leaves = math.isnan(value_ahead)
         if leaves or value_ahead > depth + min_height:
             is_open = not (likely and leaves)
-            is_end = count > _MIN_STEPS and (open_ends or not is_open)
-            return (count - 1, change / count, is_open) if is_end else (0, 0.0, False)
+            return (count - 1, change / count, is_open) if count > _MIN_STEPS else (0, 0.0, False)
         sample_profile(picture, y, x, down, right, profile)
         profile_change = profile_difference(profile, reference)
         change += profile_change
         gaps = gaps + 1 if profile_change > _MAX_PROFILE_CHANGE else 0
         if gaps > _MAX_GAP_STEPS:
             count -= gaps
-            return (
-                (count, change_on_line / count, True) if open_ends and count > _MIN_STEPS else (0, 0.0, False)
-            )
+            return (count, change_on_line / count, True) if count > _MIN_STEPS else (0, 0.0, False)
         if gaps == 0:
             change_on_line = change
             for k in range(3):
@@ -276,7 +273,7 @@ def _depth_inside(disparity, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _trace_from_seed(picture, disparity, min_height, seed, color, open_ends, points):  # type: ignore[no-untyped-def]
+def _trace_from_seed(picture, disparity, min_height, seed, color, points):  # type: ignore[no-untyped-def]
     """Trace the line from a seed away from its piece into ``points`` (N, 2); return their number, 0 for none.
 
     A line with the ``color`` (3,) of restored lines nearby is likely. If ``color`` is NaN, the piece must end
@@ -301,7 +298,7 @@ def _trace_from_seed(picture, disparity, min_height, seed, color, open_ends, poi
         return 0
     depth = _depth_inside(disparity, v, u)
     count, change, is_open = _trace(
-        picture, disparity, min_height, float(y), float(x), depth, angle, likely, open_ends, points
+        picture, disparity, min_height, float(y), float(x), depth, angle, likely, points
     )
     is_confirmed = likely and not is_open
     if count == 0 or not _is_line(
@@ -375,23 +372,21 @@ def _mark_likely(picture, restored, seeds, is_marked, colors):  # type: ignore[n
 
 
 @njit(cache=True, parallel=True)
-def _mark_lines(picture, disparity, min_height, seeds, colors, open_ends, is_marked):  # type: ignore[no-untyped-def]
+def _mark_lines(picture, disparity, min_height, seeds, colors, is_marked):  # type: ignore[no-untyped-def]
     """Mark seeds at which a line starts."""
     for i in prange(len(seeds)):
         points = np.empty((_MAX_STEPS + _END_DISTANCE_PX, 2))
-        is_marked[i] = (
-            _trace_from_seed(picture, disparity, min_height, seeds[i], colors[i], open_ends, points) > 0
-        )
+        is_marked[i] = _trace_from_seed(picture, disparity, min_height, seeds[i], colors[i], points) > 0
 
 
 @njit(cache=True)
-def _draw_lines(picture, disparity, min_height, seeds, colors, open_ends, result):  # type: ignore[no-untyped-def]
+def _draw_lines(picture, disparity, min_height, seeds, colors, result):  # type: ignore[no-untyped-def]
     """Draw the lines that start at the seeds into ``result``, in the width that the picture shows."""
     height, width = disparity.shape
     points, sides = np.empty((_MAX_STEPS + _END_DISTANCE_PX, 2)), np.empty((2, _MAX_STEPS + _END_DISTANCE_PX))
     for number in range(len(seeds)):
         seed = seeds[number]
-        count = _trace_from_seed(picture, disparity, min_height, seed, colors[number], open_ends, points)
+        count = _trace_from_seed(picture, disparity, min_height, seed, colors[number], points)
         depth = _depth_inside(disparity, seed[2], seed[3])
         for i in range(count):
             down, right = tangent(points, count, i)
@@ -414,17 +409,13 @@ def _draw_lines(picture, disparity, min_height, seeds, colors, open_ends, result
                         result[y, x] = max(result[y, x], depth)
 
 
-def restore_thin_structures(
-    image: np.ndarray, disparity: np.ndarray, min_height: float, spread: bool = True
-) -> np.ndarray:
+def restore_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: float) -> np.ndarray:
     """Return the map with thin structures of the picture restored between pieces of equal disparity.
 
     Args:
         image: All-in-focus picture, scene-linear, not negative, (H, W, 3), float32.
         disparity: Map, (H, W), float32, any unit, rising towards the camera.
         min_height: Minimum height of a depth edge, in the unit of the map.
-        spread: True to relax the criteria near restored lines and to accept open ends. This creates false
-            lines in soft maps after deblurring.
 
     Returns:
         New map, (H, W), nowhere farther away than the input.
@@ -438,9 +429,9 @@ def restore_thin_structures(
     with parallel_region:
         _find_seeds(disparity, min_height, ys, xs, seeds, is_marked)
     all_seeds = seeds[is_marked]
-    _draw(picture, disparity, min_height, all_seeds, np.full((len(all_seeds), 3), np.nan), spread, result)
+    _draw(picture, disparity, min_height, all_seeds, np.full((len(all_seeds), 3), np.nan), result)
     previous_count = 0
-    for _ in range(_MAX_ROUNDS if spread else 0):
+    for _ in range(_MAX_ROUNDS):
         restored = result != disparity
         restored_count = int(restored.sum())
         if restored_count == previous_count:  # no further line was restored
@@ -449,7 +440,7 @@ def restore_thin_structures(
         is_marked, colors = np.empty(len(all_seeds), np.bool_), np.empty((len(all_seeds), 3))
         with parallel_region:
             _mark_likely(picture, restored, all_seeds, is_marked, colors)
-        _draw(picture, disparity, min_height, all_seeds[is_marked], colors[is_marked], spread, result)
+        _draw(picture, disparity, min_height, all_seeds[is_marked], colors[is_marked], result)
     return result
 
 
@@ -459,11 +450,10 @@ def _draw(
     min_height: float,
     seeds: np.ndarray,
     colors: np.ndarray,
-    open_ends: bool,
     result: np.ndarray,
 ) -> None:
     """Draw the lines from seeds (N, 4) with expected colours (N, 3) into ``result``."""
     is_marked = np.empty(len(seeds), np.bool_)
     with parallel_region:
-        _mark_lines(picture, disparity, min_height, seeds, colors, open_ends, is_marked)
-        _draw_lines(picture, disparity, min_height, seeds[is_marked], colors[is_marked], open_ends, result)
+        _mark_lines(picture, disparity, min_height, seeds, colors, is_marked)
+        _draw_lines(picture, disparity, min_height, seeds[is_marked], colors[is_marked], result)

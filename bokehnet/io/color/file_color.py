@@ -16,7 +16,7 @@ from bokehnet.io.color.color_space import (
     space_of_chromaticities,
 )
 from bokehnet.io.color.icc import read_profile
-from bokehnet.io.color.transfer import SRGB_CURVE, Curve, power
+from bokehnet.io.color.transfer import LINEAR, SRGB_CURVE, Curve, power
 from bokehnet.io.containers.png import png_chunks
 from bokehnet.io.metadata.exif import is_adobe_rgb
 from bokehnet.io.pixels import ImageFile, Part
@@ -34,7 +34,8 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
     """Return the colour space of the stored values of a picture.
 
     In order of precedence: code points (cICP), the profile, in PNG the chunks ``sRGB``, ``gAMA`` and
-    ``cHRM``, the EXIF of a camera. Without any, integers are sRGB and other values linear light.
+    ``cHRM``, the EXIF of a camera; in EXR the attribute ``chromaticities``. Without any, integers are sRGB
+    and other values linear light.
 
     Args:
         file: Open file.
@@ -46,6 +47,8 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
 
     Source: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025, 4.3: precedence.
     """
+    if file.headers is not None:
+        return _exr_space(file, part)
     if file.file_format in _NO_PROFILE_FORMATS:
         return LINEAR_REC709
     png = dict(png_chunks(file.path, (b"cICP", b"sRGB", b"gAMA", b"cHRM"))) if _is_png(file) else {}
@@ -84,6 +87,26 @@ def coded_space(path: Path | str, primaries: int, transfer: int) -> ColorSpace |
 
 def _is_png(file: ImageFile) -> bool:
     return file.file_format == "png"
+
+
+def _exr_space(file: ImageFile, part: Part) -> ColorSpace:
+    """Return the linear space with the primaries of an EXR part; Rec.709 if it has none.
+
+    Source: OpenEXR, "Standard Attributes", chromaticities: red, green, blue and white, CIE xy, eight floats.
+    """
+    assert file.headers is not None
+    stored = file.headers.parts[part.index].get("chromaticities")
+    if stored is None or stored.kind != "chromaticities" or len(stored.data) != 32:
+        return LINEAR_REC709
+    numbers = struct.unpack("<8f", stored.data)
+    primaries = [numbers[start : start + 2] for start in (0, 2, 4, 6)]
+    try:
+        space = space_of_chromaticities("the chromaticities of its header", primaries, LINEAR)
+    except ValueError as problem:
+        raise ImageFileError(
+            f"{file.path}: the chromaticities in its header are invalid ({problem}); remove the attribute"
+        ) from problem
+    return LINEAR_REC709 if space.shares_primaries(LINEAR_REC709) else space
 
 
 def _space_of_chunks(path: Path, gamma: bytes, chromaticities: bytes) -> ColorSpace:

@@ -26,9 +26,14 @@ ICC_SEGMENT = b"ICC_PROFILE\0"
 _APP0 = 0xE0
 _START, _END, _SCAN = 0xD8, 0xD9, 0xDA
 _MAX_PAYLOAD_BYTES = 65533
+_MAX_SEGMENTS = 10_000  # before the pixels; 255 carry a large colour profile
 
 # A marker is 0xFF and a byte that is not stuffing (00), fill (FF), TEM (01) or a restart (D0 to D7).
 _MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
+
+
+# Any number of fill bytes may precede a marker.
+_FILL = re.compile(rb"\xff+")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -73,18 +78,15 @@ def jpeg_layout(data: bytes, start: int = 0) -> JpegLayout:
 def jpeg_segments(path: Path) -> list[tuple[int, bytes]]:
     """Return markers and payloads of a file up to its pixels; damage ends the list."""
     segments: list[tuple[int, bytes]] = []
-    with path.open("rb") as file:
-        file.seek(2)
-        while True:
-            head = file.read(4)
-            if len(head) < 4 or head[0] != 0xFF or head[1] in (_SCAN, _END):
-                return segments
-            marker, length = head[1], int.from_bytes(head[2:], "big")
-            if marker == 0xFF:  # fill byte
-                file.seek(-3, 1)
-                continue
-            payload = file.read(max(0, length - 2))
-            segments.append((marker, payload))
+    data, position = path.read_bytes(), 2
+    while len(segments) < _MAX_SEGMENTS and (fill := _FILL.match(data, position)):
+        start = fill.end()
+        if len(data) < start + 3 or data[start] in (_SCAN, _END):
+            break
+        length = max(2, int.from_bytes(data[start + 1 : start + 3], "big"))
+        position = start + 1 + length
+        segments.append((data[start], data[start + 3 : position]))
+    return segments
 
 
 def icc_segments(profile: bytes) -> list[tuple[int, bytes]]:

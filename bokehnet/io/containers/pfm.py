@@ -1,14 +1,12 @@
-"""Read and write portable float maps, with an optional alpha channel.
+"""Read and write portable float maps.
 
 The header consists of words: the kind, width and height, and a scale whose sign gives the byte order (below
 0: least significant byte first). Rows are stored from the bottom upwards. ``Pf`` is grey, ``PF`` has red,
-green and blue; ``PF4`` adds alpha, which readers of the plain format do not support.
+green and blue.
 
 The magnitude of the scale, which writers use for units of their own, is ignored: values are those stored.
 
-Source: Debevec, "PFM portable floatmap image format", 2001. The fourth channel is in the float maps of the
-    BokehLab thesis (its 4.5, "Portable float map library"), which names no letters for it; ``PF4`` is a
-    choice of this module.
+Source: Debevec, "PFM portable floatmap image format", 2001.
 """
 
 import re
@@ -24,8 +22,8 @@ from bokehnet.errors import ImageFileError
 
 __all__ = ["PfmInput", "is_pfm", "write_pfm"]
 
-_KINDS = {b"Pf": 1, b"PF": 3, b"PF4": 4}
-_HEADER = re.compile(rb"(P[Ff]|PF4)\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,40})\s")
+_KINDS = {b"Pf": 1, b"PF": 3}
+_HEADER = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,40})\s")
 _MAX_HEADER_BYTES = 200
 _BAND_ROWS = 256
 
@@ -33,7 +31,7 @@ _BAND_ROWS = 256
 def is_pfm(path: Path) -> bool:
     """Return whether a file begins like a portable float map."""
     with path.open("rb") as file:
-        return re.match(rb"(?:P[Ff]|PF4)\s", file.read(4)) is not None
+        return re.match(rb"P[Ff]\s", file.read(3)) is not None
 
 
 class PfmInput:
@@ -57,7 +55,7 @@ class PfmInput:
         width, height = (int(header[2]), int(header[3])) if header else (0, 0)
         if header is None or not width or not height or not abs(scale) > 0:
             raise ImageFileError(
-                f"{path}: expected PFM (Pf, PF or PF4, width, height, scale), found a damaged header"
+                f"{path}: expected PFM (Pf or PF, width, height, scale), found a damaged header"
             )
         channels = _KINDS[header[1]]
         length, size = header.end() + 4 * width * height * channels, path.stat().st_size
@@ -66,8 +64,7 @@ class PfmInput:
         kind = "<f4" if scale < 0 else ">f4"
         self._rows = np.memmap(path, kind, "r", header.end(), (height, width, channels))
         self._spec = oiio.ImageSpec(width, height, channels, "float")
-        self._spec.channelnames = ("Y",) if channels == 1 else tuple("RGBA"[:channels])
-        self._spec.alpha_channel = 3 if channels == 4 else -1
+        self._spec.channelnames = ("Y",) if channels == 1 else ("R", "G", "B")
 
     def format_name(self) -> str:
         """Return the name of the format."""
@@ -103,7 +100,7 @@ def write_pfm(path: Path, shape: tuple[int, int, int], stored: Callable[[slice],
 
     Args:
         path: File to overwrite.
-        shape: (H, W, C), C = 1, 3 or 4.
+        shape: (H, W, C), C = 1 or 3.
         stored: Function from rows, counted from the top, to their values (rows, W, C).
     """
     height, width, channels = shape

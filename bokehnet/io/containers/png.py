@@ -22,7 +22,8 @@ _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
 # Approximate bytes per band: restarting deflate between bands costs less than a thousandth of the size.
 _BAND_BYTES = 2**20
 
-_MAX_METADATA_BYTES = 2**27  # of a chunk
+# Upper bounds of text and EXIF chunks: bytes of a chunk, also once unpacked, and number of chunks.
+_MAX_METADATA_BYTES, _MAX_CHUNKS = 2**24, 1000
 
 # On photographs the size is within half a percent of level 6, in less than half of its time.
 _COMPRESSION_LEVEL = 3
@@ -67,13 +68,16 @@ def write_png(
 
 
 def png_chunks(path: Path, names: Sequence[bytes]) -> list[tuple[bytes, bytes]]:
-    """Return names and contents of the chunks of these names, in order; the file must be complete."""
-    chunks = []
+    """Return names and contents of the chunks of these names, in order; the file must be complete.
+
+    Chunks above 16 MiB, and those after the first thousand, are ignored.
+    """
+    chunks: list[tuple[bytes, bytes]] = []
     with path.open("rb") as file:
         file.seek(len(_SIGNATURE))
-        while len(head := file.read(8)) == 8:
+        while len(head := file.read(8)) == 8 and len(chunks) < _MAX_CHUNKS:
             length, kind = struct.unpack(">I4s", head)
-            if kind in names and length < _MAX_METADATA_BYTES:
+            if kind in names and length <= _MAX_METADATA_BYTES:
                 chunks.append((kind, file.read(length)))
                 file.seek(4, 1)
             else:
@@ -82,7 +86,7 @@ def png_chunks(path: Path, names: Sequence[bytes]) -> list[tuple[bytes, bytes]]:
 
 
 def png_text(content: bytes, keyword: str) -> bytes | None:
-    """Return the UTF-8 text of an iTXt chunk with this keyword, otherwise None."""
+    """Return the UTF-8 text of an iTXt chunk with this keyword; None for others, or above 16 MiB."""
     name, _, rest = content.partition(b"\0")
     if name != keyword.encode() or len(rest) < 2:
         return None
@@ -90,9 +94,11 @@ def png_text(content: bytes, keyword: str) -> bytes | None:
     if not rest[0]:
         return text
     try:
-        return zlib.decompressobj().decompress(text, _MAX_METADATA_BYTES)
+        unpacker = zlib.decompressobj()
+        unpacked = unpacker.decompress(text, _MAX_METADATA_BYTES)
     except zlib.error:
         return None
+    return unpacked if unpacker.eof else None
 
 
 def text_chunk(keyword: str, text: bytes) -> tuple[bytes, bytes]:

@@ -13,6 +13,8 @@ _STARTS = {b"II*\0": ("<", False), b"MM\0*": (">", False), b"II+\0": ("<", True)
 # Tags of the offsets and byte counts of strips and of tiles.
 _DATA_TAGS = ((273, 279), (324, 325))
 
+_READ_TAGS = tuple(tag for pair in _DATA_TAGS for tag in pair)
+
 # Tags of the palette and of the tables shared by all JPEG strips.
 _SHARED_TAGS = (320, 347)
 
@@ -21,6 +23,9 @@ _NUMBERS = {3: "H", 4: "I", 7: "B", 16: "Q"}
 
 # Files beyond these limits are left to the decoder.
 _MAX_PAGES, _MAX_FIELDS, _MAX_VALUES = 1000, 4096, 10**7
+
+# Fields of all pages, and values that are read of all of them: pages may overlap each other.
+_MAX_ALL_FIELDS, _MAX_ALL_VALUES = 50_000, 2 * 10**7
 
 
 def tiff_end(path: Path) -> int:
@@ -34,7 +39,13 @@ def tiff_end(path: Path) -> int:
             return 0
         order, big = start
         try:
-            return max((end for fields in _pages(file, order, big) for end in _ends(file, fields)), default=0)
+            pages = _pages(file, order, big)
+            if (
+                sum(fields[tag].count for fields in pages for tag in _READ_TAGS if tag in fields)
+                > _MAX_ALL_VALUES
+            ):
+                return 0
+            return max((end for fields in pages for end in _ends(file, fields)), default=0)
         except struct.error:  # a truncated page: decoders report that
             return 0
 
@@ -55,7 +66,7 @@ class _Field:
     """Integers of a page at an offset in the file."""
 
     def __init__(self, order: str, kind: int, count: int, offset: int) -> None:
-        self.form, self.offset = f"{order}{count}{_NUMBERS[kind]}", offset
+        self.form, self.offset, self.count = f"{order}{count}{_NUMBERS[kind]}", offset, count
 
     @property
     def end(self) -> int:
@@ -75,7 +86,7 @@ def _pages(file: BinaryIO, order: str, big: bool) -> list[dict[int, _Field]]:
     (start,) = _unpack(file, order + word)
     pages: list[dict[int, _Field]] = []
     seen: set[int] = set()
-    while start and start not in seen and len(pages) < _MAX_PAGES:
+    while start and start not in seen and len(pages) < _MAX_PAGES and sum(map(len, pages)) < _MAX_ALL_FIELDS:
         seen.add(start)
         _seek(file, start)
         (number,) = _unpack(file, order + count_form)

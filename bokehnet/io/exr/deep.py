@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr.deep_chunks import DeepSamples
-from bokehnet.optics.over import transmittance
-from bokehnet.optics.pixels.pixel_layers import merge_surfaces
+from bokehnet.optics.pixels.over import transmittance
 
 __all__ = ["DeepLayers", "FlatPixels", "deep_layers", "flatten", "two_surfaces"]
 
@@ -22,8 +21,8 @@ Array = NDArray[np.float64]
 # Numbers per batch.
 _BATCH_SIZE = 2**21
 
-# Overlapping samples of a pixel, beyond which splitting them takes too long.
-_MAX_OVERLAPPING_SAMPLES = 4096
+# Upper bound of the samples of a pixel, which are processed at once.
+_MAX_PIXEL_SAMPLES = 2**16
 
 # Depth and coverage (pixels, samples) and colours (pixels, samples, channels), front to back.
 _Pieces = tuple[Array, Array, Array]
@@ -64,6 +63,9 @@ def flatten(samples: DeepSamples, channels: Sequence[str]) -> FlatPixels:
     Args:
         samples: Samples with Z, optionally ZBack for volumes and A for coverage; without A all are opaque.
         channels: Channels to return as light; may include A.
+
+    Raises:
+        ImageFileError: A pixel has more than 65536 samples.
 
     Source: Hillman, "The theory of OpenEXR deep samples", openexr.com, 2013: splitting, merging and over.
     """
@@ -109,6 +111,8 @@ def deep_layers(
         Light of each layer, not premultiplied, (H, W, max_layers, C) for one channel or three, depth
         (H, W, max_layers), infinite in empty layers, and coverage (H, W, max_layers), front to back.
     """
+    from bokehnet.optics.pixels.pixel_layers import merge_surfaces  # imports numba, 0.2 s
+
     shape = (*samples.counts.shape, max_layers)
     colors = np.zeros((*shape, len(channels)), np.float32)
     disparity, coverage = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -151,14 +155,23 @@ def _batches(samples: DeepSamples, channels: Sequence[str]) -> Iterator[tuple[ND
     """Yield pixel indices, grouped by equal sample counts, and their samples front to back."""
     counts = samples.counts.reshape(-1)
     starts = np.cumsum(counts) - counts
-    for count in np.unique(counts[counts > 0]).tolist():
-        same_count = np.flatnonzero(counts == count)
+    if counts.size and counts.max() > _MAX_PIXEL_SAMPLES:
+        raise ImageFileError(
+            f"expected at most {_MAX_PIXEL_SAMPLES} deep samples in a pixel, found {counts.max()}"
+        )
+    by_count = np.argsort(counts, kind="stable")
+    groups = np.split(by_count, np.flatnonzero(np.diff(counts[by_count])) + 1)
+    for same_count in groups:
+        count = int(counts[same_count[0]]) if same_count.size else 0
+        if not count:
+            continue
         step = max(1, _BATCH_SIZE // (8 * count * (len(channels) + 2)))
         for first in range(0, len(same_count), step):
             pixels = same_count[first : first + step]
             index = starts[pixels][:, None] + np.arange(count)
             near = samples.values["Z"][index].astype(np.float64)
             far = np.maximum(samples.values.get("ZBack", samples.values["Z"])[index].astype(np.float64), near)
+            far = np.where(np.isfinite(far), far, near)
             alpha = np.ones(near.shape)
             if "A" in samples.values:
                 alpha = np.clip(samples.values["A"][index].astype(np.float64), 0, 1)
@@ -176,50 +189,61 @@ def _batches(samples: DeepSamples, channels: Sequence[str]) -> Iterator[tuple[ND
 
 
 def _split_and_merged(near: Array, far: Array, alpha: Array, colour: Array) -> _Pieces:
-    """Split samples at all sample boundaries, and merge those that then fill the same depths."""
-    if near.shape[1] > _MAX_OVERLAPPING_SAMPLES:
-        raise ImageFileError(
-            f"expected at most {_MAX_OVERLAPPING_SAMPLES} overlapping deep samples in a pixel, "
-            f"found {near.shape[1]}"
-        )
-    ends = np.sort(np.concatenate([near, far], axis=1), axis=1)
-    depths, coverages, colours = [], [], []
-    for k, (present, fraction) in _cuts(near, far, ends):
-        coverage = 1 - (1 - alpha) ** fraction  # Beer-Lambert
-        scale = np.divide(coverage, alpha, out=np.array(fraction), where=alpha > 0)
-        merged = _merged(
-            present, np.where(present, coverage, 0), np.where(present, scale, 0)[..., None] * colour
-        )
-        depths.append(ends[:, k])
-        coverages.append(merged[0])
-        colours.append(merged[1])
-    return np.stack(depths, 1), np.stack(coverages, 1), np.stack(colours, 1)
+    """Split samples at all sample boundaries, and merge those that then fill the same depths.
 
-
-def _cuts(near: Array, far: Array, ends: Array) -> Iterator[tuple[int, tuple[NDArray[np.bool_], Array]]]:
-    """Yield indices of boundaries, front to back, with the samples present and the fraction of each.
-
-    Points at a depth come first, then the volumes from there to the next boundary.
+    The optical density of a volume, and its colour weighted by density, are proportional to the thickness of
+    a piece (Beer-Lambert), so that running sums over the sorted boundaries give those of every piece.
+    Opaque samples, of infinite density, are counted instead; they replace all others.
     """
-    new = np.diff(ends, axis=1, prepend=-np.inf) > 0
-    point = near == far
-    for k in range(ends.shape[1]):
-        yield k, (point & (near == ends[:, k, None]) & new[:, k, None], np.ones_like(near))
-        if k + 1 < ends.shape[1]:
-            thickness = (ends[:, k + 1] - ends[:, k])[:, None]
-            within = ~point & (near <= ends[:, k, None]) & (far >= ends[:, k + 1, None]) & (thickness > 0)
-            yield k, (within, np.divide(thickness, far - near, out=np.ones_like(near), where=within))
-
-
-def _merged(present: NDArray[np.bool_], alpha: Array, colour: Array) -> tuple[Array, Array]:
-    """Mix samples at the same depths: coverage (pixels,) and colours (pixels, C)."""
-    opaque = np.logical_and(present, alpha >= 1)
-    coverage = 1 - np.prod(1 - alpha, axis=1)
+    ends = np.concatenate([near, far], axis=1)
+    order = np.argsort(ends, axis=1, kind="stable")
+    ends = np.take_along_axis(ends, order, 1)
+    point, opaque = near == far, alpha >= 1
     with np.errstate(divide="ignore"):
         density = -np.log1p(-np.where(opaque, 0, alpha))
-    weight = np.divide(density, alpha, out=np.ones_like(alpha), where=alpha > 0)
-    total = density.sum(axis=1)
-    scale = np.divide(coverage, total, out=np.ones_like(coverage), where=total > 0)
-    mixed = np.einsum("pk,pkc->pc", np.where(present, weight, 0) * scale[:, None], colour)
-    blocked = np.einsum("pk,pkc->pc", opaque / np.maximum(np.sum(opaque, axis=1, keepdims=True), 1), colour)
-    return coverage, np.where(opaque.any(axis=1, keepdims=True), blocked, mixed)
+    per_colour = np.divide(density, alpha, out=np.ones_like(alpha), where=alpha > 0)
+    extent = np.where(point, 1, far - near)  # point samples keep their whole density
+    clear, solid = np.where(opaque, 0, 1 / extent), opaque.astype(float)
+    summed = np.concatenate(
+        [
+            np.stack([density * clear, solid, np.ones_like(alpha)], -1),
+            (per_colour * clear)[..., None] * colour,
+            solid[..., None] * colour,
+        ],
+        axis=-1,
+    )
+    points = _group_sums(np.where(point[..., None], summed, 0), ends, order)
+    volumes = np.where(point[..., None], 0, summed)
+    steps = np.take_along_axis(np.concatenate([volumes, -volumes], axis=1), order[..., None], 1)
+    volumes = np.cumsum(steps.astype(np.longdouble), axis=1).astype(np.float64)[:, :-1]
+    thickness = np.diff(ends, axis=1)
+    volumes = volumes * (np.round(volumes[..., 2:3]) > 0) * (thickness > 0)[..., None]
+    volumes[..., 0] *= thickness
+    channels = colour.shape[2]
+    volumes[..., 3 : 3 + channels] *= thickness[..., None]
+    depth = np.stack([ends, ends], -1).reshape(len(ends), -1)[:, :-1]
+    alternating = np.empty((len(ends), depth.shape[1], summed.shape[2]))
+    alternating[:, 0::2], alternating[:, 1::2] = points, volumes
+    total, blocked = np.maximum(alternating[..., 0], 0), np.round(alternating[..., 1])
+    coverage = -np.expm1(-total)
+    scale = np.divide(coverage, total, out=np.ones_like(total), where=total > 0)
+    light = alternating[..., 3 : 3 + channels] * scale[..., None]
+    behind = blocked > 0
+    mean = alternating[..., 3 + channels :] / np.maximum(blocked, 1)[..., None]
+    return depth, np.where(behind, 1, coverage), np.where(behind[..., None], mean, light)
+
+
+def _group_sums(values: Array, ends: Array, order: NDArray[np.intp]) -> Array:
+    """Sum the values (P, N, C) of points at equal depths, at the first of these sorted ends (P, 2N)."""
+    pixels, count, channels = values.shape
+    new = np.diff(ends, axis=1, prepend=-np.inf) > 0
+    first = np.maximum.accumulate(np.where(new, np.arange(2 * count), 0), axis=1)
+    position = np.empty_like(order)
+    np.put_along_axis(position, order, first, 1)
+    index = position[:, :count] + 2 * count * np.arange(pixels)[:, None]
+    sums = [
+        np.bincount(index.ravel(), values[..., channel].ravel(), 2 * count * pixels)
+        for channel in range(channels)
+    ]
+    grouped: Array = np.stack(sums, -1).reshape(pixels, 2 * count, channels).astype(np.float64)
+    return grouped

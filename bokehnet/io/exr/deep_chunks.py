@@ -19,7 +19,11 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.input_checks import check_pixel_count
 from bokehnet.io.exr.header import Attribute, ExrHeaders, channel_list
 
-__all__ = ["DeepSamples", "read_samples"]
+__all__ = ["DeepSamples", "largest_band", "read_samples"]
+
+# Upper bound of the samples of a part: this many, two for each pixel, and one for each byte of the file.
+# Files of renderers have 5 to 20 bytes per sample; a chunk of zeros unpacks to a thousand times its size.
+_MAX_SAMPLES = 4_000_000
 
 # Rows per scan-line chunk by compression number: none, run lengths, zlib by the row, zlib.
 _CHUNK_ROWS = {0: 1, 1: 1, 2: 1, 3: 16}
@@ -67,7 +71,7 @@ def read_samples(
         names: Channels to read.
 
     Raises:
-        ImageFileError: The samples are truncated or damaged, or exceed the pixel limit.
+        ImageFileError: The samples are truncated or damaged, or exceed their upper bound.
 
     Source: "OpenEXR File Layout", openexr.com, Deep Data.
     """
@@ -85,14 +89,14 @@ def read_samples(
             raise ValueError(f"no channel of the name {unknown.pop()!r}")
         with path.open("rb") as file:
             blocks = _blocks(file, headers, part, (left, top), size, packing)
+            sample_bytes = sum(_TYPES[kind].itemsize for kind in channels.values())
+            _check_samples(path, sum(block.samples[2] for block in blocks) // sample_bytes, size[0] * size[1])
             needed = [
                 block for block in blocks if block.y < rows.stop and block.y + block.height > rows.start
             ]
             runs: dict[tuple[int, int], tuple[NDArray[np.int64], dict[str, NDArray[np.float32]]]] = {}
-            sample_count = 0
             for block in needed:
-                for y, counts, values in _unpacked(file, block, packing, channels, names, path, sample_count):
-                    sample_count += int(counts.sum())
+                for y, counts, values in _unpacked(file, block, packing, channels, names):
                     runs[y, block.x] = counts, values
     except (ValueError, KeyError, IndexError, struct.error, zlib.error, OverflowError) as problem:
         raise ImageFileError(f"{path}: the deep samples are truncated or damaged ({problem})") from problem
@@ -103,6 +107,26 @@ def read_samples(
         raise ImageFileError(f"{path}: the deep samples are truncated or damaged (chunks are missing)")
     values = {name: np.concatenate([np.zeros(0, np.float32), *(v[name] for _, v in order)]) for name in names}
     return DeepSamples(counts=counts.reshape(height, size[0]), values=values)
+
+
+def largest_band(path: Path, headers: ExrHeaders, part: int, rows: int) -> int:
+    """Return the largest number of samples in successive bands of ``rows`` rows; reads no samples.
+
+    Raises:
+        ImageFileError: The part is truncated or damaged.
+    """
+    attributes = headers.parts[part]
+    try:
+        left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"].data)
+        size, packing = (right - left + 1, bottom - top + 1), attributes["compression"].data[0]
+        kinds = channel_list(attributes["channels"]).values()
+        counts: dict[int, int] = {}
+        with path.open("rb") as file:
+            for block in _blocks(file, headers, part, (left, top), size, packing):
+                counts[block.y // rows] = counts.get(block.y // rows, 0) + block.samples[2]
+    except (ValueError, KeyError, IndexError, struct.error) as problem:
+        raise ImageFileError(f"{path}: the deep samples are truncated or damaged ({problem})") from problem
+    return max(counts.values(), default=0) // sum(_TYPES[kind].itemsize for kind in kinds)
 
 
 def _blocks(
@@ -163,8 +187,6 @@ def _unpacked(
     packing: int,
     channels: dict[str, int],
     names: Sequence[str],
-    path: Path,
-    samples_before: int,
 ) -> list[tuple[int, NDArray[np.int64], dict[str, NDArray[np.float32]]]]:
     """Return row, sample counts and values of each row of a chunk."""
     file.seek(block.counts[0])
@@ -179,7 +201,6 @@ def _unpacked(
     if (counts < 0).any():
         raise ValueError("a pixel has a negative number of samples")
     totals = sums[:, -1]
-    check_pixel_count(path, samples_before + int(totals.sum()), 1, "deep samples")
     sizes = {name: _TYPES[kind].itemsize for name, kind in channels.items()}
     expected = int(totals.sum()) * sum(sizes.values())
     start, packed, unpacked = block.samples
@@ -197,6 +218,17 @@ def _unpacked(
             position += total * sizes[name]
         rows.append((block.y + row, counts[row], values))
     return rows
+
+
+def _check_samples(path: Path, count: int, pixels: int) -> None:
+    """Raise if a part of so many pixels has more samples than allowed."""
+    check_pixel_count(path, count, 1, "deep samples")
+    max_count = _MAX_SAMPLES + 2 * pixels + path.stat().st_size
+    if count > max_count:
+        raise ImageFileError(
+            f"{path}: expected at most {max_count} deep samples in a file of this size, found {count}; "
+            "the file is damaged"
+        )
 
 
 def _unpack(data: bytes, size: int, packing: int, packed: int) -> bytes:

@@ -28,6 +28,9 @@ Value = float | str | tuple[float, ...]
 _MAGIC = b"\x76\x2f\x31\x01"
 _TILED, _LONG_NAMES, _DEEP, _MULTI_PART = 0x200, 0x400, 0x800, 0x1000
 _MAX_NAME_BYTES = 255
+
+# Upper bounds of a file: the time of the decoder grows with the square of each.
+_MAX_PARTS, _MAX_ATTRIBUTES, _MAX_CHANNELS = 512, 8192, 4096
 _NUMBERS = {
     "int": "<i",
     "float": "<f",
@@ -105,11 +108,10 @@ def channel_list(channels: Attribute) -> dict[str, int]:
 
 def _entries(channels: Attribute) -> Iterator[tuple[bytes, bytes]]:
     """Yield the name of each channel, and its type, linearity and two sampling rates, 16 bytes."""
-    rest = channels.data
-    while name := rest[: rest.index(b"\0")]:
-        rest = rest[len(name) + 1 :]
-        yield name, rest[:16]
-        rest = rest[16:]
+    data, position = channels.data, 0
+    while name := data[position : (end := data.index(b"\0", position))]:
+        yield name, data[end + 1 : end + 17]
+        position = end + 17
 
 
 def with_channels(channels: Attribute, others: Attribute) -> Attribute:
@@ -150,10 +152,12 @@ def read_headers(path: Path) -> ExrHeaders:
             magic, flags = struct.unpack("<4sI", file.read(8))
             if magic != _MAGIC or flags & 0xFF != 2 or flags & ~0x1EFF:
                 raise ValueError("unknown version")
-            parts = []
+            parts: list[dict[str, Attribute]] = []
             while True:
-                if attributes := _read_attributes(file, size):
+                count = sum(map(len, parts))
+                if attributes := _read_attributes(file, size, _MAX_ATTRIBUTES - count):
                     parts.append(attributes)
+                    _check_count("parts", len(parts), _MAX_PARTS)
                 if not (flags & _MULTI_PART and attributes):
                     break
             if not parts:
@@ -163,8 +167,8 @@ def read_headers(path: Path) -> ExrHeaders:
         return ExrHeaders(flags=flags, parts=tuple(parts), end=file.tell())
 
 
-def _read_attributes(file: BinaryIO, size: int) -> dict[str, Attribute]:
-    """Read the attributes of one part, including the terminating byte."""
+def _read_attributes(file: BinaryIO, size: int, max_count: int) -> dict[str, Attribute]:
+    """Read at most ``max_count`` attributes of one part, and the terminating byte."""
     attributes: dict[str, Attribute] = {}
     while name := _read_name(file):
         kind = _read_name(file)
@@ -173,8 +177,17 @@ def _read_attributes(file: BinaryIO, size: int) -> dict[str, Attribute]:
             raise ValueError(f"attribute {name!r} has {length} bytes")
         if name in attributes:
             raise ValueError(f"attribute {name!r} occurs twice")
-        attributes[name] = Attribute(kind, file.read(length))
+        attributes[name] = attribute = Attribute(kind, file.read(length))
+        if len(attributes) > max_count:
+            raise ValueError(f"expected at most {_MAX_ATTRIBUTES} attributes in a file, found more")
+        if kind == "chlist":
+            _check_count("channels", sum(1 for _ in _entries(attribute)), _MAX_CHANNELS)
     return attributes
+
+
+def _check_count(what: str, count: int, max_count: int) -> None:
+    if count > max_count:
+        raise ValueError(f"expected at most {max_count} {what}, found {count}")
 
 
 def _read_name(file: BinaryIO) -> str:

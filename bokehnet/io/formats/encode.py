@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.errors import ImageFileError
-from bokehnet.io.atomic import write_atomic
 from bokehnet.io.containers.pfm import write_pfm
 from bokehnet.io.containers.png import write_png
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.pixels import ImageFile
 from bokehnet.progress import Progress, part_of
 

@@ -1,7 +1,8 @@
 """Read HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
 
-import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,8 @@ _DECODER_ERRORS = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
 
 # The decoder does not return packets of auxiliary pictures: they are located by "packet scanning" of
 # Adobe's XMP specification, part 3.
-_PACKET = re.compile(rb"<x:xmpmeta.*?</x:xmpmeta>", re.DOTALL)
+_PACKET_START, _PACKET_END = b"<x:xmpmeta", b"</x:xmpmeta>"
+_MAX_PACKETS = 16
 
 
 def is_heif(path: Path | str) -> bool:
@@ -151,12 +153,20 @@ def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding]
 
 
 def _apple_coding(path: Path | str) -> DepthCoding | None:
-    for packet in _PACKET.findall(Path(path).read_bytes()):
+    for packet in islice(_packets(Path(path).read_bytes()), _MAX_PACKETS):
         if PIXEL_DATA.encode() in packet:
             coding = apple_coding(path, [parse_xmp(path, packet)])
             if coding is not None:
                 return coding
     return None
+
+
+def _packets(data: bytes) -> Iterator[bytes]:
+    """Yield the XMP packets of a file, in a single pass."""
+    end = 0
+    while (start := data.find(_PACKET_START, end)) >= 0 and (end := data.find(_PACKET_END, start)) >= 0:
+        end += len(_PACKET_END)
+        yield data[start:end]
 
 
 def _open(path: Path | str) -> "HeifFile":

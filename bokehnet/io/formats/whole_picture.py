@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.checks import require_extra
 from bokehnet.errors import ImageFileError, MissingExtraError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.metadata.photo_metadata import Metadata
 from bokehnet.progress import Progress
 

@@ -58,7 +58,8 @@ _TYPE_FORMATS |= {13: "I"}
 
 _OFFSETS = (3, 4, 13)
 
-_MAX_ENTRIES = 2000
+# Upper bounds of a directory: tags, and bytes of all their values.
+_MAX_ENTRIES, _MAX_VALUE_BYTES = 2000, 2**26
 _IS_SRGB, _UNCALIBRATED = 1, 0xFFFF
 
 
@@ -123,6 +124,7 @@ def read_directory(data: bytes | mmap, start: int | None = None, depth: int = 2)
         if count > _MAX_ENTRIES:
             raise ValueError(f"a directory of {count} tags")
         directory: Directory = {}
+        total = 0
         for index in range(count):
             offset = start + 2 + 12 * index
             tag, kind, number = struct.unpack(f"{order}HHI", data[offset : offset + 8])
@@ -131,14 +133,24 @@ def read_directory(data: bytes | mmap, start: int | None = None, depth: int = 2)
             offset += 8
             if size > 4:
                 (offset,) = struct.unpack(f"{order}I", data[offset : offset + 4])
-            content = bytes(data[offset : offset + size])
-            if len(content) < size:
+            if offset + size > len(data):
                 continue  # one damaged tag does not invalidate the others
+            total += size
+            if total > _MAX_VALUE_BYTES:
+                raise ValueError(f"a directory of over {_MAX_VALUE_BYTES} bytes")
+            content = bytes(data[offset : offset + size])
             values: tuple[float, ...] | bytes = content
             if letters != "s":
                 values = struct.unpack(f"{order}{letters * number}", content)
             sub = None
-            if tag in _SUB and depth and values and kind in _OFFSETS and not isinstance(values, bytes):
+            if (
+                tag in _SUB
+                and tag not in directory
+                and depth
+                and values
+                and kind in _OFFSETS
+                and not isinstance(values, bytes)
+            ):
                 sub = read_directory(data, int(values[0]), depth - 1)[0]
             directory[tag] = Entry(kind, values, offset, sub)
         end = start + 2 + 12 * count

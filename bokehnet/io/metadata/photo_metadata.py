@@ -121,13 +121,13 @@ def _jpeg_metadata(path: Path) -> Metadata:
 
 
 def _png_metadata(path: Path) -> Metadata:
-    exif, xmp = None, None
-    for kind, data in png_chunks(path, (b"eXIf", b"iTXt")):
-        if kind == b"eXIf":
-            exif = exif or data
-        elif (text := png_text(data, _XMP_TEXT)) is not None:
-            xmp = xmp or text
-    return Metadata(exif=exif, xmp=xmp)
+    chunks = png_chunks(path, (b"eXIf", b"iTXt"))
+    exif = next((data for kind, data in chunks if kind == b"eXIf"), None)
+    keyword = _XMP_TEXT.encode() + b"\0"
+    packed = next((data for kind, data in chunks if kind == b"iTXt" and data.startswith(keyword)), None)
+    xmp = None if packed is None else png_text(packed, _XMP_TEXT)
+    omitted = (_DAMAGED.format("XMP"),) if packed is not None and xmp is None else ()
+    return Metadata(exif=exif, xmp=xmp, omitted=omitted)
 
 
 def _webp_metadata(path: Path) -> Metadata:

@@ -21,6 +21,10 @@ _GUID = 32  # characters of the GUID of an extended packet; its length and the o
 _HEAD = _GUID + 8
 _MAX_NESTING = 100  # nested elements; real packets have about ten
 
+# Upper bounds of a packet: bytes, and numbers of tags, attributes and declared namespaces.
+_MAX_BYTES, _MAX_TAGS, _MAX_ATTRIBUTES, _MAX_NAMESPACES = 2**27, 200_000, 100_000, 1000
+_MAX_PACKETS = 4  # per picture; the specification allows one
+
 # Namespace prefixes of depth, gain maps, videos and originals that accompany a picture, and of the extended
 # packet that holds some of them: none of them matches a blurred picture.
 _ACCOMPANYING = (
@@ -51,9 +55,8 @@ def jpeg_xmp(path: Path | str, app1: Sequence[bytes]) -> list[Element]:
 
     Source: Adobe, "XMP specification part 3: Storage in files", 2020, 1.1.3: Embedding XMP in JPEG.
     """
-    packets = [
-        parse_xmp(path, payload[len(STANDARD_XMP) :]) for payload in app1 if payload.startswith(STANDARD_XMP)
-    ]
+    standard = [payload[len(STANDARD_XMP) :] for payload in app1 if payload.startswith(STANDARD_XMP)]
+    packets = [parse_xmp(path, packet) for packet in standard[:_MAX_PACKETS]]
     names = [xmp_properties([root], _NOTE).get("HasExtendedXMP") for root in packets]
     pieces = [payload[len(_EXTENDED) :] for payload in app1 if payload.startswith(_EXTENDED)]
     for name in dict.fromkeys(name for name in names if name):
@@ -71,8 +74,10 @@ def parse_xmp(path: Path | str, packet: bytes) -> Element:
         packet: XML, with or without its ``xpacket`` frame and padding.
 
     Raises:
-        ImageFileError: The packet is not well-formed, declares a document type or is nested too deeply.
+        ImageFileError: The packet is not well-formed, declares a document type, is nested too deeply, or has
+            more elements or attributes than any program writes.
     """
+    _check_size(path, packet)
     builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
     depth = 0
 
@@ -101,6 +106,24 @@ def parse_xmp(path: Path | str, packet: bytes) -> Element:
     except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: unknown encoding
         raise ImageFileError(f"{path}: the XMP metadata is damaged ({error})") from error
     return builder.close()
+
+
+def _check_size(path: Path | str, packet: bytes) -> None:
+    """Raise if a packet exceeds an upper bound; the counts are at least those of the parser."""
+    if len(packet) > _MAX_BYTES:
+        raise ImageFileError(
+            f"{path}: expected at most {_MAX_BYTES} bytes of XMP metadata, found {len(packet)}"
+        )
+    for what, mark, max_count in (
+        ("tags", b"<", _MAX_TAGS),
+        ("attributes", b"=", _MAX_ATTRIBUTES),
+        ("namespaces", b"xmlns", _MAX_NAMESPACES),
+    ):
+        count = packet.count(mark)
+        if count > max_count:
+            raise ImageFileError(
+                f"{path}: expected at most {max_count} {what} in the XMP metadata, found {count}"
+            )
 
 
 def xmp_properties(roots: Iterable[Element], namespace: str) -> dict[str, str]:
@@ -154,11 +177,13 @@ def refreshed_xmp(path: Path | str, packet: bytes) -> tuple[bytes, bool]:
 def _strip(element: Element) -> None:
     for name in [name for name in element.attrib if name[1:].startswith(_ACCOMPANYING)]:
         del element.attrib[name]
-    for child in list(element):
-        if child.tag[1:].startswith(_ACCOMPANYING) or child.tag == _THUMBNAILS:
-            element.remove(child)
-        else:
-            _strip(child)
+    element[:] = [
+        child
+        for child in element
+        if not (child.tag[1:].startswith(_ACCOMPANYING) or child.tag == _THUMBNAILS)
+    ]
+    for child in element:
+        _strip(child)
 
 
 def _serialise(root: Element, prefixes: Mapping[str, str]) -> str:

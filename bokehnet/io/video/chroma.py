@@ -54,7 +54,12 @@ class PixelFormat:
         chroma, _, bits = kind.removeprefix("yuv").partition("p")
         halves = {"420": (True, True), "422": (True, False), "444": (False, False)}
         if not kind.startswith("yuv") or chroma not in halves or not (bits or "8").isdigit():
-            raise ImageFileError(f"expected a video with planes of luma and chroma, found pixels of {name}")
+            alpha = name.startswith(("yuva", "ya")) or name in ("rgba", "bgra", "argb", "abgr", "gbrap")
+            reason = ", which have alpha" if alpha else ""
+            raise ImageFileError(
+                f"expected a video with planes of luma and chroma, found pixels of {name}{reason}; "
+                "convert it, or render its frames as numbered files"
+            )
         full = full or name.startswith("yuvj")
         return cls(bits=int(bits or 8), halved=halves[chroma], matrix=matrix, full=full)
 

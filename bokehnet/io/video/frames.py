@@ -13,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, errors_of_file
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
+from bokehnet.io.containers.input_checks import check_name, check_pixel_count
+from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.video.chroma import PixelFormat
+from bokehnet.io.video.display_matrix import IDENTITY, DisplayMatrix
 
 __all__ = [
     "CODECS",
@@ -33,6 +35,14 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float32]
+
+# Mean difference of the channels of a video of disparity above which it has false colours, and the stride at
+# which it is measured.
+_MAX_TINT, _TINT_STRIDE_PX = 0.05, 4
+
+# Width from which x265's "cutree" is safe. Build 216 works on rows of blocks of 16 columns, and its AVX2 code
+# writes four blocks before it compares their number: past the end of shorter rows, into other memory.
+_MIN_CUTREE_WIDTH_PX = 49
 
 VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
 
@@ -52,8 +62,8 @@ class VideoInfo:
 
     Attributes:
         path: Video file.
-        width: Width, pixels.
-        height: Height, pixels.
+        width: Width of the shown picture, pixels.
+        height: Height of the shown picture, pixels.
         times: Rising times of its frames, in units of ``time_base``.
         time_base: Unit of time, seconds.
         rate: Average frames per second, for encoders; ``times`` are authoritative.
@@ -62,7 +72,8 @@ class VideoInfo:
         full: True if values use their full range.
         space: Colour space.
         timecode: Timecode of the first frame; empty if absent.
-        aspect: Width of a pixel over its height.
+        aspect: Width of a stored pixel over its height.
+        display: Transformation from the stored to the shown picture.
     """
 
     path: Path
@@ -77,6 +88,12 @@ class VideoInfo:
     space: ColorSpace
     timecode: str = ""
     aspect: Fraction = Fraction(1)
+    display: DisplayMatrix = IDENTITY
+
+    @property
+    def stored_size(self) -> tuple[int, int]:
+        """Width and height of the stored picture, pixels."""
+        return (self.height, self.width) if self.display.transposed else (self.width, self.height)
 
     @property
     def bits(self) -> int:
@@ -99,19 +116,26 @@ def video_info(path: Path | str) -> VideoInfo:
     with _open(path) as container:
         stream = _video_stream(path, container)
         context = stream.codec_context
+        if context is None or not context.pix_fmt:
+            raise ImageFileError(f"{path}: expected a video with a known codec, found another one")
+        check_pixel_count(path, context.width, context.height)
         tags = (context.color_primaries, context.color_trc, context.colorspace)
         primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
-        packets = (packet for packet in container.demux(stream) if packet.size)
+        # An edit list makes packets before its start invisible.
+        packets = [packet for packet in container.demux(stream) if packet.size and not packet.is_discard]
         times = sorted(packet.pts for packet in packets if packet.pts is not None)
         if not times:
             raise ImageFileError(f"{path}: expected a video, found no pictures in it")
+        display = _display_matrix(path)
+        turned = display.transposed
         timecodes = [stream.metadata.get("timecode"), container.metadata.get("timecode")]
         timecodes += [other.metadata.get("timecode") for other in container.streams]
         timecodes += [container.metadata.get("TIMECODE")]
         info = VideoInfo(
             path=Path(path),
-            width=context.width,
-            height=context.height,
+            width=context.height if turned else context.width,
+            height=context.width if turned else context.height,
+            display=display,
             times=tuple(times),
             time_base=stream.time_base,
             rate=stream.average_rate or Fraction(25),
@@ -133,13 +157,23 @@ def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
         ImageFileError: The file is damaged.
     """
     for colors in _encoded_frames(info, first):
-        yield info.space.decode(colors)
+        yield info.display.shown(info.space.decode(colors))
 
 
 def read_luma(info: VideoInfo, first: int = 0) -> Iterator[Array]:
-    """Yield the mean of the stored colours of the frames from ``first`` on, (H, W), 0 to 1, as disparity."""
-    for colors in _encoded_frames(info, first):
-        yield np.clip(colors.mean(2), 0, 1)
+    """Yield the mean of the stored colours of the frames from ``first`` on, (H, W), 0 to 1, as disparity.
+
+    Raises:
+        ImageFileError: The file is damaged, or has colours, as a map in false colours.
+    """
+    for number, colors in enumerate(_encoded_frames(info, first), first + 1):
+        tint = float(np.mean(np.ptp(colors[::_TINT_STRIDE_PX, ::_TINT_STRIDE_PX], 2)))
+        if tint > _MAX_TINT:
+            raise ImageFileError(
+                f"{info.path}: expected a grey video of disparity, found colours in frame {number}, "
+                f"{tint:.2g} apart on average; write grey, or decode false colours with a folder of maps"
+            )
+        yield info.display.shown(np.clip(colors.mean(2), 0, 1))
 
 
 def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array]], codec: str) -> None:
@@ -155,11 +189,11 @@ def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array
     name = target_pixels(info, codec)
     pixels = PixelFormat.named(name, info.codes[2], info.full)
     context = av.CodecContext.create(CODECS[codec][0], "w")
-    _configure(av, context, info, codec)
     context.options = dict(CODECS[codec][1])
+    _configure(av, context, info, codec)
     packets = []
     for time, light in frames:
-        colors = info.space.encode(np.clip(light, 0, None))
+        colors = info.space.encode(np.clip(info.display.stored(light), 0, None))
         frame = _make_frame(av, name, pixels.planes(colors))
         frame.pts, frame.time_base = time, info.time_base
         packets += context.encode(frame)
@@ -187,11 +221,16 @@ def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str)
     av = _import_av()
 
     def fill(temporary: Path) -> None:
-        with av.open(str(info.path)) as source, av.open(str(temporary), "w") as target:
+        with (
+            av.open(str(info.path), metadata_errors="replace") as source,
+            av.open(str(temporary), "w") as target,
+        ):
             encoder, options = CODECS[codec]
             stream = target.add_stream(encoder, rate=info.rate, options=dict(options))
             _configure(av, stream.codec_context, info, codec)
             stream.time_base = info.time_base
+            if info.display != IDENTITY:
+                stream.set_display_matrix(info.display.numbers)
             if info.timecode:
                 stream.metadata["timecode"] = target.metadata["timecode"] = info.timecode
             sounds = {one.index: target.add_stream_from_template(one) for one in source.streams.audio}
@@ -211,12 +250,19 @@ def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str)
 
 
 def target_pixels(info: VideoInfo, codec: str) -> str:
-    """Return FFmpeg's name of the pixel format that a codec stores for a video."""
+    """Return FFmpeg's name of the pixel format that a codec stores for a video.
+
+    The resolution of chroma is kept, except that ProRes has 4:2:2 at least; so are up to 10 bits.
+    """
+    planar = _planar(info.pixels).replace("yuvj", "yuv")
     if codec == "ffv1":
-        return _planar(info.pixels).replace("yuvj", "yuv")
+        return planar
+    chroma = planar.removeprefix("yuv")[:3]
     if codec == "prores":
-        return "yuv422p10le"
-    return "yuv420p10le" if codec == "h265" and info.bits > 8 else "yuv420p"
+        return "yuv444p10le" if chroma == "444" and info.pixels != "gray" else "yuv422p10le"
+    if info.pixels.startswith("gray"):
+        chroma = "420"
+    return f"yuv{chroma}p10le" if info.bits > 8 and codec == "h265" else f"yuv{chroma}p"
 
 
 def choose_codec(path: Path, info: VideoInfo, requested: str | None) -> str:
@@ -230,6 +276,17 @@ def choose_codec(path: Path, info: VideoInfo, requested: str | None) -> str:
     codec = requested or default
     if extension in (".mp4", ".m4v") and codec in ("prores", "ffv1"):
         raise ParameterError("--video-codec", "h264 or h265 in MP4", codec, "write to .mov or .mkv")
+    if codec in ("h264", "h265") and any(
+        side % 2 and halved for side, halved in zip(info.stored_size, _halved(info, codec), strict=True)
+    ):
+        raise ParameterError(
+            "--video-codec",
+            f"ffv1 or prores for the odd size {info.width}x{info.height} with chroma at half of it",
+            codec,
+            "write to .mkv or .mov",
+        )
+    if codec == "h264" and info.bits > 8:
+        raise ParameterError("--video-codec", f"h265, prores or ffv1 for {info.bits} bits", codec)
     if codec == "h264" and info.codes[1] in (16, 18):
         raise ParameterError("--video-codec", "h265, prores or ffv1 for PQ and HLG", codec)
     return codec
@@ -281,7 +338,13 @@ def _make_frame(av: Any, name: str, planes: list[npt.NDArray[np.uint16]]) -> Any
 
 def _configure(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
     """Set size, times, colours and range of an encoder to those of a video."""
-    context.width, context.height, context.pix_fmt = info.width, info.height, target_pixels(info, codec)
+    context.width, context.height = info.stored_size
+    context.pix_fmt = target_pixels(info, codec)
+    if codec == "prores" and context.pix_fmt.startswith("yuv444"):
+        context.options = {**context.options, "profile": "4"}
+    if codec == "h265" and context.width < _MIN_CUTREE_WIDTH_PX:
+        parameters = context.options["x265-params"] + ":cutree=0"
+        context.options = {**context.options, "x265-params": parameters}
     context.time_base, context.framerate, context.gop_size = info.time_base, info.rate, 24
     context.color_primaries, context.color_trc, context.colorspace = info.codes
     context.color_range = 2 if info.full else 1
@@ -325,20 +388,43 @@ def _audio_packets(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float,
 
 @contextlib.contextmanager
 def _open(path: Path | str) -> Iterator[Any]:
+    """Open a video; its bytes from strangers may be anything, so that texts need not be UTF-8."""
     av = _import_av()
-    try:
-        with av.open(str(path)) as container:
-            yield container
-    except (av.error.FFmpegError, OSError) as error:
-        raise ImageFileError(
-            f"{path}: expected a video, the file cannot be read: {_reason(error)}"
-        ) from error
+    check_name(Path(path))
+    with errors_of_file(path, "a video", ImageFileError):
+        try:
+            with av.open(str(path), metadata_errors="replace") as container:
+                yield container
+        except BokehnetError:  # some are also OSError
+            raise
+        except (av.error.FFmpegError, OSError) as error:
+            raise ImageFileError(
+                f"{path}: expected a video, the file cannot be read: {_reason(error)}"
+            ) from error
 
 
 def _video_stream(path: Path | str, container: Any) -> Any:
     if not container.streams.video:
         raise ImageFileError(f"{path}: expected a video, found no pictures in it")
     return container.streams.video[0]
+
+
+def _halved(info: VideoInfo, codec: str) -> tuple[bool, bool]:
+    """Return whether the columns and rows of chroma have half the resolution in the result."""
+    return PixelFormat.named(target_pixels(info, codec), info.codes[2], info.full).halved
+
+
+def _display_matrix(path: Path | str) -> DisplayMatrix:
+    """Return the transformation of the first picture of a video."""
+    with _open(path) as container:
+        frame = next(container.decode(_video_stream(path, container)), None)
+    display = IDENTITY if frame is None else DisplayMatrix.of_frame(frame)
+    if display is None:
+        raise ImageFileError(
+            f"{path}: expected a display matrix of quarter turns and flips, found another one; "
+            "turn the video with a video editor first"
+        )
+    return display
 
 
 def _planar(name: str) -> str:

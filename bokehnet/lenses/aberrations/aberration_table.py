@@ -139,6 +139,10 @@ def _rim(text: str, location: str) -> tuple[float, float]:
     return shift, radius
 
 
+# Largest magnitude of a cell: percent, or nm. A radius of the pupil is 100.
+_MAX_NUMBER = 1e6
+
+
 def _numbers(row: list[str], names: list[str], location: str) -> list[float]:
     if len(row) != len(names):
         raise ConfigError(f"{location}: expected {len(names)} numbers, found {len(row)}")
@@ -148,8 +152,8 @@ def _numbers(row: list[str], names: list[str], location: str) -> list[float]:
             result.append(float(cell))
         except ValueError as error:
             raise ConfigError(f"{location}: {name}: expected a number, got {cell!r}") from error
-        if not math.isfinite(result[-1]):
-            raise ConfigError(f"{location}: {name}: expected a finite number, got {cell!r}")
+        if not abs(result[-1]) <= _MAX_NUMBER:
+            raise ConfigError(f"{location}: {name}: expected a number up to {_MAX_NUMBER:g}, got {cell!r}")
     return result
 
 

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Literal
 
-from bokehnet.errors import LensError
+from bokehnet.errors import LensError, errors_of_file
 from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens, is_lens_file
 from bokehnet.lenses.lookup.transfer_file import read_transfer
@@ -85,38 +85,41 @@ def load_lens(
         LensError: There is no such lens, or it cannot have this focus or f-number.
         ConfigError: The file is missing or invalid.
     """
-    if Path(name).suffix.lower() == ".npz":
+    with errors_of_file(name, "a lens that can be traced", LensError):
+        if Path(name).suffix.lower() == ".npz":
+            if focal_length is not None:
+                problem = "a transfer table has one focal length: make it from the scaled lens"
+                raise LensError(f"{name}: {problem}")
+            if copy_to_copy:
+                raise LensError(f"{name}: a transfer table has no elements to misalign: use the lens itself")
+            return dataclasses.replace(
+                read_transfer(name), f_number=f_number, focus_distance=focus_distance, focusing=focusing
+            )
+        prescription = find_prescription(name)
         if focal_length is not None:
-            raise LensError(f"{name}: a transfer table has one focal length: make it from the scaled lens")
+            if not 0 < focal_length < math.inf:
+                raise LensError(f"need a focal length above 0, got {focal_length:g} mm")
+            prescription = prescription.scaled(
+                focal_length / PrescriptionLens(prescription=prescription).focal_length
+            )
         if copy_to_copy:
-            raise LensError(f"{name}: a transfer table has no elements to misalign: use the lens itself")
-        return dataclasses.replace(
-            read_transfer(name), f_number=f_number, focus_distance=focus_distance, focusing=focusing
+            prescription = assemble_copy(prescription, Tolerances() * copy_to_copy, copy_seed)
+        # The pupil moves with the groups.
+        for _ in range(_FLOATING_ITERATIONS if prescription.floating else 0):
+            front = PrescriptionLens(prescription=prescription).front_vertex
+            prescription = prescription.focused(max(focus_distance - front, 1e-9))
+        lens = functools.partial(
+            PrescriptionLens,
+            prescription=prescription,
+            f_number=f_number,
+            focus_distance=focus_distance,
+            focusing=focusing,
         )
-    prescription = find_prescription(name)
-    if focal_length is not None:
-        if not 0 < focal_length < math.inf:
-            raise LensError(f"need a focal length above 0, got {focal_length:g} mm")
-        prescription = prescription.scaled(
-            focal_length / PrescriptionLens(prescription=prescription).focal_length
-        )
-    if copy_to_copy:
-        prescription = assemble_copy(prescription, Tolerances() * copy_to_copy, copy_seed)
-    for _ in range(_FLOATING_ITERATIONS if prescription.floating else 0):  # the pupil moves with the groups
-        front = PrescriptionLens(prescription=prescription).front_vertex
-        prescription = prescription.focused(max(focus_distance - front, 1e-9))
-    lens = functools.partial(
-        PrescriptionLens,
-        prescription=prescription,
-        f_number=f_number,
-        focus_distance=focus_distance,
-        focusing=focusing,
-    )
-    if not is_lens_file(name):
-        return lens()
-    try:
-        loaded = lens()
-        _ = loaded.focus_shift  # raises if no ray passes, which is possible for files of other programs
-    except LensError as error:
-        raise LensError(f"{name}: {error}", error.parameter) from error
-    return loaded
+        if not is_lens_file(name):
+            return lens()
+        try:
+            loaded = lens()
+            _ = loaded.focus_shift  # raises if no ray passes, which is possible for files of other programs
+        except LensError as error:
+            raise LensError(f"{name}: {error}", error.parameter) from error
+        return loaded

@@ -12,7 +12,7 @@ import math
 import re
 from pathlib import Path
 
-from bokehnet.lenses.files.glasses import GlassCatalogues, approximate
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues, approximate
 from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 

@@ -8,8 +8,8 @@ import shlex
 from pathlib import Path
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.files.glasses import GlassCatalogues
-from bokehnet.lenses.files.media import medium_of
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues
+from bokehnet.lenses.files.glass.media import medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 

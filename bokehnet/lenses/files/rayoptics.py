@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.files.glasses import GlassCatalogues
-from bokehnet.lenses.files.media import medium_of
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues
+from bokehnet.lenses.files.glass.media import medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import read_lines
 from bokehnet.optics.spectral.glass import FormulaGlass, Glass, TableGlass

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bokehnet.errors import LensError
+from bokehnet.errors import LensError, errors_of_file
 from bokehnet.lenses.files.codev import read_codev
-from bokehnet.lenses.files.glasses import GlassCatalogues
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues
 from bokehnet.lenses.files.lentil import read_lentil
 from bokehnet.lenses.files.optiland import read_optiland
 from bokehnet.lenses.files.oslo import read_oslo
@@ -84,12 +84,15 @@ def import_lens(path: str | Path, glasses: Sequence[str | Path] = ()) -> Importe
     if reader is None:
         raise LensError(f"{path}: expected a lens file that ends in {', '.join(LENS_FILES)}")
     local_catalogues = sorted(path.parent.glob("*.[aA][gG][fF]"))
-    lens = reader(path, GlassCatalogues((*map(Path, glasses), *local_catalogues)))
-    count = len(lens.positions)
-    lens = lens.at(1 if position is None else position)
-    if count > 1 and position is None:
-        lens.notes.append(f"the first of {count} positions; others are {path.name}@2 to {path.name}@{count}")
-    prescription = to_prescription(lens)
+    catalogues = GlassCatalogues((*map(Path, glasses), *local_catalogues))
+    with errors_of_file(path, "a lens", LensError):
+        lens = reader(path, catalogues)
+        count = len(lens.positions)
+        lens = lens.at(1 if position is None else position)
+        if count > 1 and position is None:
+            others = f"{path.name}@2 to {path.name}@{count}"
+            lens.notes.append(f"the first of {count} positions; others are {others}")
+        prescription = to_prescription(lens)
     distance = lens.surfaces[0].thickness * lens.millimetres
     return ImportedLens(
         prescription=prescription,

@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.prescription_file import FocusRow, Prescription, SurfaceRow
-from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
+from bokehnet.lenses.pupils.paraxial_lens import ParaxialLens, paraxial_lens
 from bokehnet.optics.spectral.glass import D_LINE, Glass
 
 __all__ = ["MAX_OBJECT_DISTANCE", "FileLens", "FilePosition", "FileSurface", "fail", "to_prescription"]

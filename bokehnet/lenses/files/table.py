@@ -15,7 +15,7 @@ import csv
 import math
 from pathlib import Path
 
-from bokehnet.lenses.files.glasses import GlassCatalogues, approximate
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues, approximate
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 

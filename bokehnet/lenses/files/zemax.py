@@ -8,8 +8,8 @@ from pathlib import Path
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.forbes import mild_powers, strong_powers
-from bokehnet.lenses.files.glasses import GlassCatalogues
-from bokehnet.lenses.files.media import medium_of
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues
+from bokehnet.lenses.files.glass.media import medium_of
 from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from bokehnet.checks import check_at_least
 from bokehnet.errors import LensError
-from bokehnet.lenses.focus_shift import focus_shift
 from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.pupils.focus_shift import focus_shift
 from bokehnet.lenses.surface_trace import beam_between, trace
 
 __all__ = ["ProfileTexture", "profile_psf", "profile_row", "trace_profile_texture"]

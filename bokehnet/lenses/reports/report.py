@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.pupils import traced_focal_length, traced_pupils
+from bokehnet.lenses.pupils.paraxial_lens import traced_focal_length, traced_pupils
 from bokehnet.lenses.reports.depth_of_field import depth_of_field
 from bokehnet.lenses.reports.plot import sharp_radius
 from bokehnet.lenses.reports.unvignetted_fraction import unvignetted_fraction

@@ -71,4 +71,4 @@ class LensResponse:
     def _one_wavelength(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         return np.full(count, float(np.median(self.aberration_map.wavelengths))), np.ones((count, 3))
 
-    is_plain = earlier_name("is_plain", "is_ideal")
+    is_plain = earlier_name("LensResponse", "is_plain")

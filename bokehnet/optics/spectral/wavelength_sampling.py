@@ -19,6 +19,9 @@ _MIN_COUNT, _MAX_BANDS = 8, 64
 # Number of cells for integrals over the spectrum.
 _CELLS = 3000
 
+# Largest gain of an equaliser, and inverse of the least one of the brightest band: only ratios matter.
+_MAX_GAIN = 1e6
+
 # Minimum fraction of the light of a channel that an equaliser must preserve.
 _MIN_LIGHT = 1e-3
 
@@ -64,6 +67,10 @@ class WavelengthSampling:
             raise ParameterError("equaliser", expected, self.equaliser, shown=str(len(self.equaliser)))
         for gain in self.equaliser:
             check_at_least("equaliser", gain, 0)
+            if not gain <= _MAX_GAIN:
+                raise ParameterError("equaliser", f"gains of at most {_MAX_GAIN:g}", gain)
+        if 0 < max(self.equaliser) < 1 / _MAX_GAIN:
+            raise ParameterError("equaliser", f"a gain of at least {1 / _MAX_GAIN:g}", max(self.equaliser))
         middles = _cells()
         colors = _colors(middles)
         light = (colors * self._gain(middles)[:, None]).sum(0) / colors.sum(0) / (max(self.equaliser) or 1)

@@ -76,11 +76,13 @@ class DepthMap:
         origin: Setting that names its source, for messages.
         fits_any_size: True if a map of another size is always resized to the picture.
         filtered: Quantity that the renderer filtered, depth or disparity; None if not filtered.
-        camera: Known data of the camera to imitate, for metric depth.
+        camera: Known data of the camera to imitate, for metric depth; of the photo's camera otherwise.
         focus: Default focus, a value of the map; None if the settings must contain the focus.
         all_in_focus: Picture to render instead, (H, W, 3): a phone's original before its portrait blur.
         notes: Warnings about the map and automatic choices, one line each.
         layers: Successive surfaces, where they are known.
+        assumptions: Assumptions about the map and the camera, a few words each: unit, direction,
+            coding, holes.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -99,6 +101,7 @@ class DepthMap:
     all_in_focus: npt.NDArray[np.float32] | None = None
     notes: tuple[str, ...] = ()
     layers: SceneLayers | None = None
+    assumptions: tuple[str, ...] = ()
 
 
 class DepthSource(Protocol):

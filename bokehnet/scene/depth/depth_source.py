@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bokehnet.io.depth.units import parse_depth_unit
 from bokehnet.scene.depth.depth_map import DepthMap, DepthSource, Photo
 from bokehnet.scene.depth.embedded_depth import EmbeddedDepth
 from bokehnet.scene.depth.explicit_depth import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
@@ -51,18 +52,37 @@ def depth_source(settings: RenderSettings) -> DepthSource:
             invert=reading.invert,
             value_range=reading.value_range,
             as_stored=reading.as_stored,
+            coding=reading.coding,
+            no_data=reading.no_data,
+            holes=reading.holes,
         )
     if inputs.layers is not None:
         return LayeredDepth(layers=inputs.layers, unit=reading.unit or "m")
     if inputs.depth is not None:
-        return MetricDepth(map=inputs.depth, channel=inputs.channel, unit=reading.unit or "m")
+        return MetricDepth(
+            map=inputs.depth,
+            channel=inputs.channel,
+            unit=reading.unit,
+            coding=reading.coding,
+            measured=reading.kind,
+            near=reading.near,
+            far=reading.far,
+            no_data=reading.no_data,
+            holes=reading.holes,
+            view=settings.camera,
+        )
     if inputs.defocus is not None:
         return DefocusMap(map=inputs.defocus, channel=inputs.channel)
     if inputs.depth_model is not None:
         return NetworkDepth(model=inputs.depth_model, convention=inputs.depth_convention or "")
     if inputs.constant_disparity is not None:
         return ConstantDisparity(value=inputs.constant_disparity)
-    return EmbeddedDepth(relative=settings.camera.blur is not None)
+    camera = settings.camera
+    metric = (camera.f_number, camera.focal_length, camera.sensor_width, settings.focus.distance)
+    return EmbeddedDepth(
+        relative=camera.blur is not None or camera.strength is not None,
+        relative_estimate=metric == (None,) * 4,
+    )
 
 
 def gives_metric_depth(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:
@@ -95,6 +115,9 @@ def unit_of_picture_depth(source: DepthSource, path: Path | str) -> str | None:
     """
     if isinstance(source, EmbeddedDepth):
         return "m" if source.map is None and not source.relative else None
-    if not isinstance(source, MetricDepth) or isinstance(source.map, np.ndarray) or source.unit == "1/m":
+    if not isinstance(source, MetricDepth) or isinstance(source.map, np.ndarray):
         return None
-    return source.unit if Path(source.map).resolve() == Path(path).resolve() else None
+    unit = source.unit or "m"
+    if parse_depth_unit(unit).is_disparity or source.measured != "planar" or source.near is not None:
+        return None
+    return unit if Path(source.map).resolve() == Path(path).resolve() else None

@@ -8,21 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
+from bokehnet.inference.depth_models import recommended_model
+from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.maps import picture_depth_channel
-from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
+from bokehnet.io.metadata.camera import Camera
+from bokehnet.io.phone_depth import PhoneDepth, has_phone_depth, read_phone_depth
 from bokehnet.io.window import Window
-from bokehnet.scene.camera import full_frame_camera
+from bokehnet.scene.camera import DEFAULT_FOCAL_LENGTH, full_frame_camera, has_view
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.explicit_depth import MetricDepth
 from bokehnet.scene.depth.network_depth import cached_network
 
-__all__ = ["EmbeddedDepth"]
+__all__ = ["EmbeddedDepth", "has_own_depth", "no_depth_error"]
 
 # Distance of the nearest point, mm, for a phone's map without distances; the farthest is at infinity.
 _NEAREST_DISTANCE = 1000.0
-
-# Side of the central region for the default focus, relative to the photo.
-_CENTRE_FRACTION = 1 / 5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,6 +38,7 @@ class EmbeddedDepth:
     Attributes:
         map: Result of :func:`bokehnet.io.phone_depth.read_phone_depth`; None reads the picture's own file.
         relative: True for relative disparity, 0 to 1; False for 1/mm; None for the kind in the file.
+        relative_estimate: True for relative disparity if a network estimates the map.
 
     Examples:
         >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
@@ -52,6 +53,7 @@ class EmbeddedDepth:
 
     map: PhoneDepth | None = None
     relative: bool | None = None
+    relative_estimate: bool = False
 
     @property
     def origin(self) -> str:
@@ -70,24 +72,19 @@ class EmbeddedDepth:
             embedded = read_phone_depth(photo.path)
             if embedded is None and (channel := picture_depth_channel(photo.path)) is not None:
                 return self._from_exr(photo, photo.path, channel)
-        notes: tuple[str, ...] = ()
+        estimator = ""
         if embedded is None and (network := cached_network()) is not None:
             estimate = network.depth_map(photo)
             embedded = PhoneDepth(disparity=estimate.values, metric=estimate.kind == "metric")
-            notes = (f"depth estimated by {network.model}, as the picture has none",)
+            estimator = str(network.model)
         if embedded is None:
-            holder = "the picture" if photo.path is None else photo.path
-            raise ParameterError(
-                "input.disparity",
-                expected="one of `input.disparity` and `input.depth`",
-                shown=f"neither, and {holder} has no depth map",
-                remedy="`input.depth_model` estimates it with a network",
-            )
+            raise no_depth_error(photo.path)
         window = photo.window
         if embedded.all_in_focus is not None:
             height, width = embedded.all_in_focus.shape[:2]
             window = Window.whole(width, height)
         relative = not embedded.metric if self.relative is None else self.relative
+        relative = relative or (self.relative_estimate and bool(estimator))
         values, focus = _rescaled(embedded, relative)
         return DepthMap(
             values=values,
@@ -95,9 +92,9 @@ class EmbeddedDepth:
             origin="the photo's own depth",
             fits_any_size=True,
             camera=full_frame_camera(photo.camera, window.width, window.height),
-            focus=_central_median(values) if focus is None else focus,
+            focus=focus,
             all_in_focus=embedded.all_in_focus,
-            notes=notes,
+            assumptions=_assumptions(embedded, photo.camera, estimator, relative=relative),
         )
 
     def _from_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:
@@ -115,6 +112,61 @@ class EmbeddedDepth:
         return replace(depth, values=values, kind="relative", camera=None, filtered=None)
 
 
+def _assumptions(
+    embedded: PhoneDepth, camera: Camera | None, estimator: str, *, relative: bool
+) -> tuple[str, ...]:
+    """Return the estimator of a map, and the assumed distances and focal length of a metric render."""
+    assumptions = [f"depth estimated by {estimator}"] if estimator else []
+    if not relative and not embedded.metric:
+        assumptions.append(f"nearest point at {_NEAREST_DISTANCE / 1000:g} m, farthest at infinity")
+    if not relative and not has_view(camera):
+        assumptions.append(f"{DEFAULT_FOCAL_LENGTH:g} mm on full frame")
+    return tuple(assumptions)
+
+
+def has_own_depth(path: Path) -> bool:
+    """Return whether a picture's file holds depth; reads no pixels of the picture.
+
+    Raises:
+        ImageFileError: The file cannot be read.
+
+    Examples:
+        >>> from bokehnet.io.image import write_image
+        >>> write_image("photo.png", np.ones((2, 3, 3), np.float32))
+        >>> has_own_depth(Path("photo.png"))
+        False
+    """
+    return has_phone_depth(path) or (not is_heif(path) and picture_depth_channel(path) is not None)
+
+
+def no_depth_error(path: Path | None) -> ParameterError:
+    """Return the error of a picture without depth.
+
+    Args:
+        path: File of the picture; None for an array.
+
+    Examples:
+        >>> print(no_depth_error(Path("photo.png")))
+        input.disparity: expected one of `input.disparity` and `input.depth`, got neither, and photo.png has
+        no depth map; ...
+    """
+    return ParameterError(
+        "input.disparity",
+        expected="one of `input.disparity` and `input.depth`",
+        shown=f"neither, and {'the picture' if path is None else path} has no depth map",
+        remedy=_network_remedy(),
+    )
+
+
+def _network_remedy() -> str:
+    """Return how to get a network that estimates the missing depth."""
+    model = recommended_model()
+    if model is None:
+        return "`input.depth_model` estimates it with a network"
+    command = f"`bokehnet models {model.name} --get`"
+    return f"{command} downloads a network that estimates it ({model.size}, licence {model.licence})"
+
+
 def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:
     """Return map and focus of a phone, in 1/mm or relative."""
     values, focus = embedded.disparity, embedded.focus_disparity
@@ -125,10 +177,3 @@ def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.floa
     if not embedded.metric and not relative:
         return values / _NEAREST_DISTANCE, None if focus is None else focus / _NEAREST_DISTANCE
     return values, focus
-
-
-def _central_median(disparity: npt.NDArray[np.float32]) -> float:
-    """Return the median of the central region of a map."""
-    height, width = disparity.shape
-    top, left = (int(size * (1 - _CENTRE_FRACTION) / 2) for size in (height, width))
-    return float(np.median(disparity[top : height - top, left : width - left]))

@@ -11,14 +11,25 @@ import numpy.typing as npt
 from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.checks import check_kind, check_map, check_rank, number_of
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
+from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS
+from bokehnet.io.depth.units import parse_depth_unit
+from bokehnet.io.maps import StoredMap, depth_to_mm, read_map, read_stored_map
 from bokehnet.io.metadata.camera import Camera, camera_from_exr
 from bokehnet.io.pixels import ImageFile
-from bokehnet.optics.coc import disparity_from_depth
+from bokehnet.io.window import Window
 from bokehnet.scene.camera import merged_camera
+from bokehnet.scene.depth.depth_geometry import disparity_between_planes, planar_factor
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
+from bokehnet.scene.depth.missing_data import (
+    Holes,
+    MissingData,
+    filled_map,
+    find_missing_depth,
+    find_missing_disparity,
+)
+from bokehnet.settings.scene_settings import CameraSettings
 
-__all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity"]
+__all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity", "map_camera"]
 
 # Maximum range of a map, relative to its largest value, that counts as constant.
 _MAX_CONSTANT_RANGE = 0.02
@@ -35,6 +46,9 @@ class RelativeDisparity:
         value_range: Values that map to 0 and 1; None uses the lowest and the highest.
         as_stored: True to use values as stored, 0 to 1, so that all maps of a sequence have one scale; a
             ``value_range`` overrides it.
+        coding: Coding of a file, see :func:`bokehnet.io.maps.read_stored_map`.
+        no_data: Stored number of pixels without data; None detects them.
+        holes: Treatment of pixels without data; None fills those of files, except EXR.
 
     Examples:
         >>> import numpy as np
@@ -54,21 +68,20 @@ class RelativeDisparity:
     invert: bool = False
     value_range: tuple[float, float] | None = None
     as_stored: bool = False
+    coding: str = "auto"
+    no_data: float | None = None
+    holes: Holes | None = None
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
         _check_source("disparity", self.map)
-        stored = self.as_stored or self.value_range is not None
-        if isinstance(self.map, np.ndarray):
-            check_map("disparity", self.map)
-            values = np.asarray(self.map, np.float32)
-        else:
-            values = read_disparity(
-                self.map, self.channel, normalise=False, window=photo.window, progress=photo.progress
-            )
-        notes: tuple[str, ...] = ()
-        if not stored:
-            notes = _range_warnings(values)
+        stored = _stored("disparity", self.map, self.channel, self.coding, self.holes, photo)
+        missing = find_missing_disparity(
+            stored.numbers, stored.largest_integer, invert=self.invert, no_data=self.no_data
+        )
+        values, assumptions, notes = _filled(stored.values, missing, photo, self.holes, stored, self.map)
+        if not (self.as_stored or self.value_range is not None):
+            notes = (*notes, *_range_warnings(values))
             values = _normalised(values)
         if self.value_range is not None:
             low, high = self.value_range
@@ -84,7 +97,15 @@ class RelativeDisparity:
                 f"{self.map}: expected stored disparity in 0..1 for a sequence, found {actual}; {remedy}"
             )
         values = 1 - values if self.invert else values
-        return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
+        direction = "bright is far" if self.invert else "bright is near"
+        return DepthMap(
+            values=values,
+            kind="relative",
+            origin=self.origin,
+            camera=photo.camera,
+            notes=notes,
+            assumptions=(direction, *stored.assumptions, *assumptions),
+        )
 
 
 def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
@@ -119,7 +140,16 @@ class MetricDepth:
     Attributes:
         map: File or array (h, w).
         channel: Channel of a file; None detects it.
-        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, 0 for sky.
+        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``, optionally scaled, as in "0.2mm"; 1/m is metric
+            disparity, 0 for sky. None is metres, and refuses files of integers.
+        coding: Coding of a file, see :func:`bokehnet.io.maps.read_stored_map`.
+        measured: Quantity of the values: "planar" for depth along the optical axis, "ray" for the distance
+            from the camera, "zbuffer" for the depth buffer of a graphics card.
+        near: Distance of the stored value 0, metres, for "zbuffer" or normalised "planar" depth.
+        far: Distance of the stored value 1, metres.
+        no_data: Stored number of pixels without data; None detects them.
+        holes: Treatment of pixels without data; None fills those of files, except EXR.
+        view: Camera settings, whose focal length and sensor width are the field of view for "ray".
 
     Examples:
         >>> from bokehnet.io.window import Window
@@ -135,29 +165,155 @@ class MetricDepth:
 
     map: Path | str | npt.NDArray[np.floating]
     channel: str | None = None
-    unit: str = "m"
+    unit: str | None = None
+    coding: str = "auto"
+    measured: str = "planar"
+    near: float | None = None
+    far: float | None = None
+    no_data: float | None = None
+    holes: Holes | None = None
+    view: CameraSettings | None = None
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
         _check_source("depth", self.map)
-        if isinstance(self.map, np.ndarray):
-            depth, camera = depth_to_mm(self.map, self.unit), photo.camera
+        camera = photo.camera
+        stored = _stored("depth", self.map, self.channel, self.coding, self.holes, photo)
+        if not isinstance(self.map, np.ndarray):
+            camera = merged_camera(camera, map_camera(Path(self.map)))
+        if self.near is not None and self.far is not None:
+            values, assumptions, notes = self._between_planes(stored, photo)
         else:
-            depth = read_depth(
-                self.map, self.channel, unit=self.unit, window=photo.window, progress=photo.progress
-            )
-            camera = merged_camera(photo.camera, _camera_of(Path(self.map)))
+            values, assumptions, notes = self._in_unit(stored, photo)
+        if self.measured == "ray":
+            values = (values / self._planar_factor(values.shape, photo.window, camera)).astype(np.float32)
+            assumptions = ("distance along the ray", *assumptions)
         return DepthMap(
-            values=disparity_from_depth(depth),  # 0 for sky at infinite depth
+            values=values,
             kind="metric",
             origin=self.origin,
-            filtered="disparity" if self.unit == "1/m" else "depth",
+            filtered="disparity" if self._is_disparity else "depth",
             camera=camera,
+            notes=notes,
+            assumptions=assumptions,
         )
 
+    @property
+    def _is_disparity(self) -> bool:
+        return self.unit is not None and parse_depth_unit(self.unit).is_disparity
 
-def _camera_of(path: Path) -> Camera | None:
-    """Return the camera data in the first part of an EXR file."""
+    def _in_unit(
+        self, stored: StoredMap, photo: Photo
+    ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
+        """Return disparity in 1/mm, words for the summary and notes, of depth in a unit."""
+        from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
+        name = _name_of(self.map, "depth map")
+        if self.unit is None and stored.largest_integer is not None:
+            largest = stored.largest_integer
+            raise ImageFileError(
+                f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
+                "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
+            )
+
+        unit, numbers = self.unit or "m", stored.numbers
+        missing = find_missing_depth(
+            numbers, stored.largest_integer, is_disparity=self._is_disparity, no_data=self.no_data
+        )
+        if missing.counts["negative"] > numbers.size / 2:
+            raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
+        known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
+
+        disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
+        values, assumptions, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
+        return values, (f"depth in {unit}", *stored.assumptions, *assumptions), (*stored.notes, *notes)
+
+    def _between_planes(
+        self, stored: StoredMap, photo: Photo
+    ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
+        """Return disparity in 1/mm, words for the summary and notes, of values between two planes."""
+        assert self.near is not None
+        assert self.far is not None
+        mask = np.isnan(stored.values)
+        if self.no_data is not None:
+            mask |= np.isclose(stored.numbers, self.no_data, rtol=1e-6, atol=0)
+        missing = MissingData(mask=mask, counts={"NaN or `depth.no_data`": int(mask.sum())})
+        known = np.where(mask, np.float32(np.nan), stored.values)
+        kind = "zbuffer" if self.measured == "zbuffer" else "planar"
+        disparity = disparity_between_planes(known, kind, self.near, self.far)
+        values, assumptions, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
+        planes = f"{'z-buffer' if kind == 'zbuffer' else 'depth'} from {self.near:g} to {self.far:g} m"
+        return values, (planes, *stored.assumptions, *assumptions), (*stored.notes, *notes)
+
+    def _planar_factor(
+        self, size: tuple[int, int], window: Window, camera: Camera | None
+    ) -> npt.NDArray[np.float64]:
+        """Return depth along the axis over the length of the ray, (h, w)."""
+        numbers = []
+        for name in ("focal_length", "sensor_width"):
+            value = getattr(self.view, name, None) or getattr(camera, name, None)
+            if value is None:
+                raise ParameterError(
+                    f"camera.{name}",
+                    expected="the field of view, which `depth.kind` ray needs: `camera.focal_length` and "
+                    "`camera.sensor_width`",
+                    shown="none; the picture's file has none",
+                )
+            numbers.append(float(value))
+        return planar_factor(size, window, *numbers)
+
+
+def _stored(
+    quantity: str,
+    source: Path | str | npt.NDArray[np.floating],
+    channel: str | None,
+    coding: str,
+    holes: Holes | None,
+    photo: Photo,
+) -> StoredMap:
+    """Return the stored map of a file or an array."""
+    if not isinstance(source, np.ndarray):
+        return read_stored_map(source, channel, coding=coding, window=photo.window, progress=photo.progress)
+    if quantity == "disparity" and holes is None:
+        check_map("disparity", source)
+    return StoredMap(values=np.asarray(source, np.float32))
+
+
+def _filled(
+    values: npt.NDArray[np.float32],
+    missing: MissingData,
+    photo: Photo,
+    holes: Holes | None,
+    stored: StoredMap,
+    source: Path | str | npt.NDArray[np.floating],
+) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
+    """Return a map without missing values, words for the summary, and notes.
+
+    Renderers and programs know all depths: their missing values are faults, unless the settings fill them.
+    """
+    default: Holes = "error" if stored.is_render or isinstance(source, np.ndarray) else "fill"
+    if missing.mask.any():
+        values = np.where(missing.mask, np.float32(np.nan), values)
+    return filled_map(values, missing, photo.image, holes or default, _name_of(source, "the map"))
+
+
+def _name_of(source: Path | str | npt.NDArray[np.floating], otherwise: str) -> str:
+    return otherwise if isinstance(source, np.ndarray) else str(source)
+
+
+def map_camera(path: Path) -> Camera | None:
+    """Return the camera data in the header of a depth map; None unless it is an EXR that has some.
+
+    Raises:
+        ImageFileError: The file cannot be read.
+
+    Examples:
+        >>> np.save("depth.npy", np.ones((2, 3), np.float32))
+        >>> map_camera(Path("depth.npy")) is None  # arrays of NumPy have no camera data
+        True
+    """
+    if path.suffix.lower() in NUMPY_EXTENSIONS:
+        return None
     with ImageFile(path) as file:
         return None if file.headers is None else camera_from_exr(file.attributes(file.parts[0]))
 

@@ -16,8 +16,7 @@ from bokehnet.io.exr.header import is_exr
 from bokehnet.io.maps import depth_to_mm
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
-from bokehnet.optics.coc import disparity_from_depth
-from bokehnet.optics.over import transmittance
+from bokehnet.optics.pixels.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 
 __all__ = ["LayeredDepth", "flattened", "make_layers", "read_layers"]
@@ -76,8 +75,7 @@ def make_layers(
         colors.append(
             np.divide(light, alpha[..., None], out=np.zeros_like(light), where=alpha[..., None] > 0)
         )
-        metric = disparity_from_depth(depth_to_mm(np.where(alpha > 0, depth, np.inf), unit))
-        values.append(metric.astype(np.float32))
+        values.append(_disparity(np.where(alpha > 0, depth, np.inf), unit))
         coverage.append(alpha)
     return _ordered(np.stack(colors, 2), np.stack(values, 2), np.stack(coverage, 2), "layers")
 
@@ -161,6 +159,8 @@ def read_layers(path: Path | str, unit: str = "m") -> SceneLayers:
 
 
 def _disparity(depth: Array, unit: str) -> Array:
+    from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
+
     flat = disparity_from_depth(depth_to_mm(depth.reshape(len(depth), -1), unit))
     return np.asarray(flat, np.float32).reshape(depth.shape)
 

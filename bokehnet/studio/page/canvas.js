@@ -28,6 +28,18 @@ export function draw(canvas, { header, pixels }) {
   context.drawImage(scratch, 0, 0, canvas.width, canvas.height);
 }
 
+/** Change the size of a canvas, and keep what it shows until it is drawn again. */
+export function resize(canvas, width, height) {
+  if (canvas.width === width && canvas.height === height) return;
+  const old = document.createElement("canvas");
+  old.width = canvas.width;
+  old.height = canvas.height;
+  contextOf(old).drawImage(canvas, 0, 0);
+  canvas.width = width;
+  canvas.height = height;
+  contextOf(canvas).drawImage(old, 0, 0, width, height);
+}
+
 /** Draw the histogram of red, green and blue of a frame, from a subset of its pixels. */
 export function histogram(canvas, pixels) {
   const counts = [0, 1, 2].map(() => new Uint32Array(64));
@@ -49,10 +61,10 @@ export function histogram(canvas, pixels) {
   context.globalCompositeOperation = "source-over";
 }
 
-/** Draw the cursor and the focus as crosses in rings, and the path of a brush. */
-export function mark(canvas, { focus, cursor, path, radius }) {
+/** Draw the cursor and the focus as crosses in rings, the ring of a brush, and its path in the brush's tint. */
+export function mark(canvas, { focus, cursor, path, radius, brush, tint, zoom = 1 }) {
   const context = canvas.getContext("2d"), { width, height } = canvas;
-  const unit = width / canvas.clientWidth || 1;
+  const unit = width / canvas.clientWidth / zoom || 1;
   context.clearRect(0, 0, width, height);
   for (const [point, color] of [[focus, "#f5b04c"], [cursor, "#ffffff"]]) {
     if (!point) continue;
@@ -70,7 +82,7 @@ export function mark(canvas, { focus, cursor, path, radius }) {
     }
   }
   if (path?.length) {
-    context.strokeStyle = "#ffffff66";
+    context.strokeStyle = tint;
     context.lineWidth = 2 * radius * width;
     context.lineCap = context.lineJoin = "round";
     context.beginPath();
@@ -79,6 +91,15 @@ export function mark(canvas, { focus, cursor, path, radius }) {
       if (!Number.isNaN(x)) context.lineTo(x * width, y * height);
     }
     context.stroke();
+  }
+  if (brush) {
+    for (const [line, shade] of [[3, "#000000a0"], [1.5, "#ffffff"]]) {
+      context.lineWidth = line * unit;
+      context.strokeStyle = shade;
+      context.beginPath();
+      context.arc(brush[0] * width, brush[1] * height, radius * width, 0, 7);
+      context.stroke();
+    }
   }
 }
 

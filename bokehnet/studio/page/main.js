@@ -1,18 +1,24 @@
 // Main script of the page: state, previews, and user input.
 
 import { ServerError, frame, frames, get, post, space, upload } from "./api.js";
-import { contextOf, draw, histogram, mark, painted } from "./canvas.js";
+import { makeBanner, showBanner, showEstimate } from "./banner.js";
+import { contextOf, draw, histogram, mark, painted, resize } from "./canvas.js";
+import { focusEnds } from "./focus.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
-import { makeQuick, showQuick } from "./quick.js";
-import { showPresets, refreshPresets, stopPresets } from "./presets.js";
+import { makeQuick, sharpWords, shifted, showLightNote, showQuick } from "./quick.js";
+import { clearPresets, refreshPresets, selectPreset, showPresets, stopPresets } from "./presets.js";
 import { ringByTouch } from "./touch.js";
+import { makeView } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const [stage, sheet, result, before, over, marks] = ["stage", "sheet", "result", "before", "over", "marks"].map($);
 
 const now = {
   state: null, facts: {}, tool: "focus", cursor: null, path: null, tap: null, turned: null, loupe: false, beforeOf: "",
+  pointer: null, trace: null, comparing: false, missing: false,
 };
+
+const TINTS = { nearer: "#f58c2888", farther: "#3c78eb88", same: "#ffffff66", sharp: "#46e67888", hidden: "#b45ae688" };
 let pending = null, running = null, first = false, held = false;
 
 // ---- previews: one request at a time, the last one wins
@@ -56,8 +62,11 @@ async function render({ changes, preset, begun, kind }) {
         first = true;
         painted(() => {
           performance.measure(`pixels ${header.stage}`, { start: begun, end: performance.now(), detail: { kind } });
-          if (fresh) applySettings(header);
-          showFacts(header);
+          if (fresh) {
+            now.facts = header;
+            applySettings(header);
+          }
+          showFacts({ ...header, equivalents: header.equivalents ?? now.facts.equivalents });
           if (header.stage !== "draft") histogram($("histogram"), picture.pixels);
         });
         pump();
@@ -77,13 +86,13 @@ async function render({ changes, preset, begun, kind }) {
   }
 }
 
-function applySettings({ settings, version }) {
+function applySettings({ settings, version, history, preset }) {
   const redraw = now.state.version !== version;
-  now.state.settings = settings;
-  now.state.version = version;
+  Object.assign(now.state, { settings, version, preset, ...history });
+  now.trace = null;
   showSettings(settings);
-  showQuick(now.state, now.facts);
-  mark(marks, marked());
+  selectPreset(preset);
+  showHistory();
   if (redraw) showBefore();
   showOverlay();
 }
@@ -98,8 +107,13 @@ function settled() {
 function showFacts(header) {
   now.facts = header;
   showQuick(now.state, header);
-  const where = header.focus_distance ? `${header.focus_distance.toPrecision(3)} m` : header.focus_disparity?.toFixed(3);
-  const words = [`${header.engine}`, where && `focus at ${where}`, `blur up to ${(header.largest_blur * scale()).toFixed(1)} pixels of the file`];
+  const stop = now.state.kind === "metric" ? valueOf(now.state.settings, "camera.f_number") : header.equivalents?.f_number;
+  const across = 2 * header.largest_blur * scale(), percent = (100 * across) / now.state.width;
+  const words = [
+    stop && `f/${Number(stop.toPrecision(2))}`, `sharp ${sharpWords()}`,
+    `lights blur into discs of up to ${Math.round(across)} pixels, ${percent.toFixed(1)} % of the width`, `engine ${header.engine}`,
+  ];
+  if (now.missing) words.splice(0, words.length, "no depth, no blur");
   showMessage(words.filter(Boolean).concat(now.state.notes, header.notes ?? []).join(" · "), "status");
   document.body.dataset.stage = header.stage;
 }
@@ -133,15 +147,23 @@ const safely = (action) => async (...values) => {
 // ---- opening
 
 async function opened(state) {
+  const isNew = now.state?.picture !== state.picture;
   now.state = state;
+  now.missing = showBanner(state);
   sheet.hidden = !state.open;
   $("drop").hidden = state.open;
   $("map-button").hidden = $("role").hidden = !state.open;
   for (const button of document.querySelectorAll("#out button, #out a")) button.toggleAttribute("inert", !state.open);
   if (!state.open) return;
   $("name").textContent = `${state.name}, ${state.width} × ${state.height}`;
-  $("out-name").value = state.name.replace(/\.[^.]+$/, "_bokeh.png");
-  makeQuick($("quick"), state, (changes, event) => requestPreview({ changes, event }));
+  if (isNew) {
+    $("out-name").value = state.export_name;
+    now.facts = {};
+    clearPresets();
+    view.fit();
+    makeQuick($("quick"), state, (changes, event) => requestPreview({ changes, event }), () => toggleOverlay("light"));
+  }
+  selectPreset(state.preset);
   showSettings(state.settings);
   fit();
   showStrokes();
@@ -157,20 +179,18 @@ function fit() {
   const factor = Math.min((room.width - 4) / width, (room.height - 4) / height);
   sheet.style.width = `${Math.round(width * factor)}px`;
   sheet.style.height = `${Math.round(height * factor)}px`;
-  const share = Math.min(1, factor * dense, 2560 / Math.max(width, height));
-  for (const canvas of [result, before, over, marks]) {
-    canvas.width = Math.max(16, Math.round(width * share));
-    canvas.height = Math.max(16, Math.round(height * share));
-  }
+  const share = Math.min(1, factor * dense * view.zoom(), 2560 / Math.max(width, height));
+  const size = [width, height].map((side) => Math.max(16, Math.round(side * share)));
+  for (const canvas of [result, before, over, marks]) resize(canvas, ...size);
   showBefore(true);
 }
 
 const showBefore = safely(async (fresh) => {
-  const share = Number($("compare").value);
+  const share = now.comparing ? 100 : Number($("compare").value);
   before.style.clipPath = `inset(0 ${100 - share}% 0 0)`;
   $("split").style.left = `${share}%`;
   before.hidden = $("split").hidden = share === 0;
-  const key = `${now.state.name} ${result.width}`;
+  const key = `${now.state.picture} ${result.width}`;
   if (share && (fresh || now.beforeOf !== key)) {
     now.beforeOf = key;
     draw(before, await frame(`plain?width=${result.width}&height=${result.height}&space=${space}`));
@@ -210,13 +230,19 @@ async function watch() {
     }
     if (turn !== watching) return;
     showJobs(jobs);
-    if (jobs.repair.state !== "running" && jobs.export.state !== "running") return;
+    if (Object.values(jobs).every((job) => job.state !== "running")) return;
     await new Promise((done) => setTimeout(done, 300));
   }
 }
 
 function showJobs(jobs) {
-  const { repair, export: out } = jobs;
+  const { repair, light, estimate, export: out } = jobs;
+  if (now.light === "running" && light.state === "done" && light.note) requestPreview();
+  now.light = light.state;
+  showLightNote(light);
+  showEstimate(estimate);
+  if (now.estimate === "running" && estimate.state === "done") safely(async () => opened(await get("state")))();
+  now.estimate = estimate.state;
   if (now.repair === "running" && repair.state === "done") {
     showMessage(`map repaired: ${repair.reason}`, "status");
     requestPreview();
@@ -231,6 +257,7 @@ function showJobs(jobs) {
   exportStatus.className = out.state === "failed" ? "fault" : "";
   exportStatus.replaceChildren();
   if (out.state === "failed") exportStatus.textContent = out.error;
+  if (out.state === "running") exportStatus.textContent = timeLeft(out);
   if (out.state === "done") {
     const link = document.createElement("a");
     Object.assign(link, { href: "api/result", download: out.name, textContent: `Save ${out.name}`, className: "button" });
@@ -239,6 +266,13 @@ function showJobs(jobs) {
     now.exporting = false;
   }
   document.body.dataset.export = out.state;
+}
+
+/** Return the time that an export still needs, in words. */
+function timeLeft({ share, seconds }) {
+  if (!(share > 0.02)) return "Exporting …";
+  const left = (seconds * (1 - share)) / share;
+  return left < 1 ? "Almost done …" : `About ${left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`} left`;
 }
 
 // ---- pointer input on the picture
@@ -253,30 +287,30 @@ const pixel = ([x, y]) => [Math.min(Math.floor(x * now.state.width), now.state.w
 function marked() {
   const at = valueOf(now.state?.settings, "focus.at");
   const focus = at ? [(at[0] + 0.5) / now.state.width, (at[1] + 0.5) / now.state.height] : null;
-  return { focus, cursor: now.cursor, path: now.path, radius: Number($("brush-size").value) / 100 };
+  const brushing = now.tool !== "focus";
+  return {
+    focus, cursor: now.cursor, path: now.path ?? now.trace, radius: Number($("brush-size").value) / 100,
+    brush: brushing ? now.pointer : null, tint: TINTS[now.tool] ?? TINTS.same, zoom: view.zoom(),
+  };
 }
 
 function focusAt(point, event) {
-  if (now.state.kind === "defocus") return;
+  if (now.state.kind === "defocus" || now.missing) return;
   requestPreview({ changes: { focus: { at: pixel(point) } }, event });
 }
 
 function ring(steps, event) {
-  if (!now.state?.open || now.facts.focus_disparity == null) return;
-  const from = now.turned ?? now.facts.focus_disparity; // previews of earlier steps may still arrive
-  if (now.state.kind === "metric") {
-    const dioptres = Math.max(1000 * from * 1.04 ** steps, 1e-3);
-    requestPreview({ changes: { focus: { distance: 1 / dioptres } }, event });
-    now.turned = dioptres / 1000;
-  } else {
-    const turned = Math.min(Math.max(from + 0.01 * steps, 0), 1);
-    requestPreview({ changes: { focus: { value: Number(turned.toFixed(4)) } }, event });
-    now.turned = turned;
-  }
+  if (!now.state?.open || now.missing || now.facts.focus_disparity == null) return;
+  const [far, near] = focusEnds(now.state, now.facts);
+  const from = now.turned ?? (far + near) / 2; // previews of earlier steps may still arrive
+  const metric = now.state.kind === "metric";
+  const turned = metric ? Math.max(from * 1.04 ** steps, 1e-6) : Math.min(Math.max(from + 0.01 * steps, 0), 1);
+  requestPreview({ changes: shifted(now.state, far, near, turned), event });
+  now.turned = turned;
 }
 
 sheet.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0 || !event.isPrimary) return;
+  if (event.button !== 0 || !event.isPrimary || view.panning()) return;
   now.cursor = null;
   if (now.tool === "focus") {
     if (event.pointerType === "touch") now.tap = place(event); // a second finger may follow
@@ -289,17 +323,21 @@ sheet.addEventListener("pointerdown", (event) => {
 });
 sheet.addEventListener("pointermove", (event) => {
   if (!event.isPrimary) return;
-  if (now.path && now.path.length < 1900) {
-    now.path.push(place(event));
-    mark(marks, marked());
-  } else if (now.loupe) lookAt(place(event));
+  now.pointer = event.pointerType === "touch" && !now.path ? null : place(event);
+  if (now.path && now.path.length < 1900) now.path.push(now.pointer);
+  else if (now.loupe) lookAt(place(event));
+  if (now.tool !== "focus") mark(marks, marked());
+});
+sheet.addEventListener("pointerleave", () => {
+  now.pointer = null;
+  mark(marks, marked());
 });
 sheet.addEventListener("pointerup", safely(async (event) => {
   if (now.tap && event.isPrimary) focusAt(now.tap, event);
   now.tap = null;
   if (!now.path) return;
   const { path, radius } = marked();
-  now.path = null;
+  [now.path, now.trace] = [null, path]; // the trace stays until the preview shows the stroke
   await stroke({ effect: now.tool, points: path, radius, edges: $("brush-edges").checked });
 }));
 sheet.addEventListener("pointercancel", () => {
@@ -319,20 +357,27 @@ ringByTouch(stage, (steps, event) => {
 
 async function stroke(table) {
   now.state = { ...now.state, ...(await post("stroke", { stroke: table })) };
+  now.missing = showBanner(now.state);
   showStrokes();
   requestPreview();
 }
 
 function showStrokes() {
-  $("undo").disabled = !now.state?.strokes;
-  $("redo").disabled = !now.state?.undone;
   $("save-map").hidden = !now.state?.strokes;
+  showHistory();
   mark(marks, marked());
+}
+
+function showHistory() {
+  $("undo").disabled = !now.state?.done;
+  $("redo").disabled = !now.state?.undone;
 }
 
 for (const name of ["undo", "redo"]) {
   $(name).addEventListener("click", safely(async () => {
     now.state = { ...now.state, ...(await post(name)) };
+    now.missing = showBanner(now.state);
+    selectPreset(now.state.preset);
     showStrokes();
     requestPreview();
   }));
@@ -341,7 +386,9 @@ for (const name of ["undo", "redo"]) {
 function pick(tool) {
   now.tool = tool;
   for (const button of document.querySelectorAll("[data-tool]")) button.setAttribute("aria-checked", String(button.dataset.tool === tool));
-  $("brush").hidden = tool === "focus";
+  $("brush").classList.toggle("idle", tool === "focus");
+  $("brush").toggleAttribute("inert", tool === "focus");
+  if (now.state?.open) mark(marks, marked());
 }
 for (const button of document.querySelectorAll("[data-tool]")) button.addEventListener("click", () => pick(button.dataset.tool));
 
@@ -395,7 +442,7 @@ stage.addEventListener("keydown", (event) => {
     now.cursor = [x + moves[event.key][0], y + moves[event.key][1]].map((one) => Math.min(Math.max(one, 0), 1));
     mark(marks, marked());
     if (now.loupe) lookAt(now.cursor);
-  } else if ((event.key === "Enter" || event.key === " ") && now.cursor) {
+  } else if (event.key === "Enter" && now.cursor) {
     if (now.tool === "focus") focusAt(now.cursor, event);
     else safely(stroke)({ effect: now.tool, points: [now.cursor], radius: marked().radius, edges: $("brush-edges").checked });
   } else if (event.key === "+" || event.key === "=") ring(1, event);
@@ -414,14 +461,30 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   const tools = { f: "focus", 1: "nearer", 2: "farther", 3: "same", 4: "sharp", 5: "hidden" };
-  const overlays = { d: "depth", p: "focus", c: "confidence" };
+  const overlays = { d: "depth", p: "focus", c: "confidence", h: "light" };
   if (tools[key]) pick(tools[key]);
-  else if (overlays[key]) {
-    const select = $("overlay-kind");
-    select.value = select.value === overlays[key] ? "" : overlays[key];
-    showOverlay();
-  } else if (key === "l") toggleLoupe();
+  else if (overlays[key]) toggleOverlay(overlays[key]);
+  else if (key === "l") toggleLoupe();
+  else if (key === "0") view.fit();
+  else if (key === "b" && !event.repeat) compare(true);
 });
+document.addEventListener("keyup", (event) => event.key.toLowerCase() === "b" && compare(false));
+addEventListener("blur", () => compare(false));
+
+function toggleOverlay(kind) {
+  const select = $("overlay-kind");
+  select.value = select.value === kind ? "" : kind;
+  showOverlay();
+}
+
+/** Show the original while a key or button is held. */
+function compare(on) {
+  if (now.comparing === on || !now.state?.open) return;
+  now.comparing = on;
+  showBefore();
+}
+$("hold").addEventListener("pointerdown", () => compare(true));
+for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => compare(false));
 
 // ---- export, equivalent code, files
 
@@ -445,7 +508,9 @@ $("export").addEventListener("click", safely(async () => {
   watch();
 }));
 $("open").addEventListener("change", () => $("open").files[0] && take([...$("open").files]));
-$("map").addEventListener("change", () => $("map").files[0] && take([...$("map").files], $("role").value));
+for (const input of ["map", "map-here"].map($)) {
+  input.addEventListener("change", () => input.files[0] && take([...input.files], $("role").value));
+}
 $("reopen").addEventListener("change", safely(async () => {
   if ($("reopen").files[0]) await opened(await upload("reopen", $("reopen").files[0]));
 }));
@@ -467,13 +532,29 @@ $("overlay-kind").addEventListener("change", showOverlay);
 
 // ---- initialisation
 
+let zoomed = 0;
+const view = makeView(stage, sheet, () => {
+  $("fit").disabled = view.zoom() === 1;
+  $("fit").textContent = view.zoom() === 1 ? "Fit" : `Fit (${view.zoom().toFixed(1)}×)`;
+  if (!now.state?.open) return;
+  mark(marks, marked());
+  clearTimeout(zoomed);
+  zoomed = setTimeout(() => {
+    const was = result.width;
+    fit();
+    if (result.width !== was) requestPreview();
+  }, 300);
+});
+$("fit").addEventListener("click", () => view.fit());
+makeBanner({ safely, paint: () => pick("nearer"), estimating: watch });
+
 let resized = 0;
 new ResizeObserver(() => {
   clearTimeout(resized);
   resized = setTimeout(() => {
     if (!now.state?.open) return;
     const was = result.width;
-    const { width } = sheet.getBoundingClientRect();
+    const width = sheet.offsetWidth;
     const room = stage.getBoundingClientRect();
     const factor = Math.min((room.width - 4) / now.state.width, (room.height - 4) / now.state.height);
     if (Math.abs(width - now.state.width * factor) > 2 || !was) {
@@ -493,7 +574,8 @@ addEventListener("focus", safely(async () => {
 safely(async () => {
   contextOf(result); // sets its colour space
   const [panels, presets, state] = await Promise.all([get("panels"), get("presets"), get("state")]);
-  makePanels($("panels"), panels, (changes, event) => requestPreview({ changes, event }));
+  const initialOf = (path) => valueOf(now.state?.initial, path);
+  makePanels($("panels"), panels, (changes, event) => requestPreview({ changes, event }), initialOf);
   showPresets($("presets"), presets, (preset, event) => requestPreview({ preset, event }));
   await opened(state);
   document.body.dataset.ready = "yes";

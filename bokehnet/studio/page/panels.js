@@ -24,23 +24,27 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** Fill an element with one control per setting, by groups. */
-export function makePanels(place, panels, change) {
+/** Fill an element with one control per setting, by groups; `initialOf` returns the value to reset to. */
+export function makePanels(place, panels, change, initialOf) {
   place.replaceChildren(make("h2", { textContent: "All settings" }));
   byPath.clear();
   for (const panel of panels) {
     const details = make("details", {}, make("summary", { textContent: panel.title }));
-    for (const field of panel.fields) details.append(makeField(field, change));
+    for (const field of panel.fields) details.append(makeField(field, change, initialOf));
     place.append(details);
   }
 }
 
-function makeField(field, change) {
+function makeField(field, change, initialOf) {
   const id = `field-${field.path.replace(".", "-")}`;
   const help = make("div", { className: "help", id: `${id}-help`, textContent: field.help });
   const fault = make("div", { className: "fault", role: "alert" });
   const unit = field.unit ? make("span", { className: "unit", textContent: ` ${field.unit}` }) : "";
-  const label = make("label", { htmlFor: id, title: field.flag }, field.label, unit);
+  const label = make("label", { htmlFor: id, title: `Double-click resets. On the command line: ${field.flag}` }, field.label, unit);
+  label.addEventListener("dblclick", (event) => {
+    event.preventDefault();
+    change(changeOf(field.path, initialOf(field.path)), event);
+  });
   const described = { id, "aria-describedby": help.id };
   const send = (value, event) => {
     fault.textContent = "";

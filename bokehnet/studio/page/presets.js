@@ -1,10 +1,12 @@
-// Presets as thumbnails of the picture, rendered while the studio is idle.
+// Presets as thumbnails of the picture, rendered while the studio is idle; the server keeps them per picture.
 
 import { frame } from "./api.js";
 import { draw } from "./canvas.js";
 
+const PAUSE = 700; // ms without changes before the thumbnails are rendered again
+
 const canvases = new Map();
-let turn = 0, timer = 0, drawn = new Set();
+let turn = 0, timer = 0, drawn = new Set(), fresh = true;
 
 /** Create a button for each preset. */
 export function showPresets(place, presets, apply) {
@@ -19,12 +21,25 @@ export function showPresets(place, presets, apply) {
     label.textContent = name.replaceAll("-", " ") || "none";
     button.append(canvas, label);
     button.addEventListener("click", (event) => {
-      for (const other of place.children) other.setAttribute("aria-selected", String(other === button));
+      selectPreset(name);
       apply(name, event);
     });
     place.append(button);
     canvases.set(name, canvas);
   }
+}
+
+/** Mark the button of the selected preset. */
+export function selectPreset(name) {
+  for (const [each, canvas] of canvases) canvas.parentElement.setAttribute("aria-selected", String(each === name));
+}
+
+/** Clear all thumbnails, which show another picture. */
+export function clearPresets() {
+  stopPresets();
+  fresh = true;
+  delete document.body.dataset.presets;
+  for (const canvas of canvases.values()) canvas.width = canvas.width;
 }
 
 /** Stop rendering thumbnails in favour of the picture itself. */
@@ -33,7 +48,7 @@ export function stopPresets() {
   clearTimeout(timer);
 }
 
-/** Render all thumbnails, one after the other, after a pause without changes. */
+/** Render all thumbnails, one after the other: at once for a new picture, else after a pause without changes. */
 export function refreshPresets() {
   stopPresets();
   const current = turn;
@@ -43,6 +58,7 @@ export function refreshPresets() {
       if (current !== turn) return;
       try {
         const thumbnail = await frame("thumbnail", { preset: name });
+        if (current !== turn) return;
         canvas.width = thumbnail.header.width;
         canvas.height = thumbnail.header.height;
         draw(canvas, thumbnail);
@@ -52,6 +68,7 @@ export function refreshPresets() {
         canvas.width = canvas.width; // a preset that does not apply to this picture stays empty
       }
     }
+    fresh = false;
     document.body.dataset.presets = String(drawn.size);
-  }, 700);
+  }, fresh ? 0 : PAUSE);
 }

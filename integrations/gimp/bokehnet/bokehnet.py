@@ -47,7 +47,8 @@ def render_layer(image, command, options):
         words = [*shlex.split(command), "render", picture, "--disparity", depth, "-o", result]
         try:
             words += [*shlex.split(options), "--quiet"]
-            done = subprocess.run(words, capture_output=True, text=True, check=False)
+            environment = {**os.environ, "PYTHONSAFEPATH": "1"}  # no modules of the current folder
+            done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
         except (OSError, ValueError) as error:
             return f"program: expected bokehnet and its options, found {command} ({error}); set them"
         if done.returncode:

@@ -69,7 +69,11 @@ def render_document(document, options=OPTIONS, command=COMMAND):
         words = [*shlex.split(command), "render", picture, "--disparity", depth, "-o", result]
         try:
             done = subprocess.run(
-                [*words, *shlex.split(options), "--quiet"], capture_output=True, text=True, check=False
+                [*words, *shlex.split(options), "--quiet"],
+                capture_output=True,
+                text=True,
+                check=False,
+                env={**os.environ, "PYTHONSAFEPATH": "1"},  # no modules of the current folder
             )
         except OSError as error:
             raise BokehnetError(

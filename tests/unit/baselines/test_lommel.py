@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.experiments.lommel import relative_error
+from benchmarks.experiments.lenses.lommel import relative_error
 from bokehnet.baselines import lommel
 from bokehnet.baselines.spread.lommel_functions import bessel_orders, lommel_intensity
 from bokehnet.baselines.spread.lommel_spots import lommel_table

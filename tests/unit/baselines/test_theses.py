@@ -1,18 +1,18 @@
-"""The probes of ``benchmarks.theses`` and its table."""
+"""The probes of ``benchmarks.quality.theses`` and its table."""
 
 import math
 
 import numpy as np
 import pytest
 
-from benchmarks import theses
-from benchmarks.experiments.pan import flicker, pan
-from benchmarks.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
-from benchmarks.theses_table import merged, table
+from benchmarks.experiments.edges.pan import flicker, pan
+from benchmarks.quality import theses
+from benchmarks.quality.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
+from benchmarks.quality.theses_table import merged, table
 from bokehnet.baselines import BASELINES
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
-from train.metrics import encode
+from train.scores.metrics import encode
 
 
 def test_the_profile_is_the_share_of_a_disc_on_one_side():
@@ -113,7 +113,7 @@ def test_flicker_is_what_changes_of_an_error():
 
 def test_a_pan_moves_the_picture_by_a_quarter_of_a_pixel_a_frame(monkeypatch):
     """Authority: after four frames the picture lies a pixel to the side, and noise is all that differs."""
-    monkeypatch.setattr("benchmarks.experiments.pan._TRUTH", 16)
+    monkeypatch.setattr("benchmarks.experiments.edges.pan._TRUTH", 16)
     frames = pan(5)
     first, last = frames[0], frames[4]
     same = np.abs(first.defocus[:, :-1] - last.defocus[:, 1:]) < 1e-2

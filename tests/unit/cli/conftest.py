@@ -90,17 +90,3 @@ material = { color = [0.2, 0.5, 0.5], specular = [0.2, 0.2, 0.2] }
 def scene(tmp_path, no_bar):
     (tmp_path / "scene.toml").write_text(SCENE)
     return tmp_path / "scene.toml"
-
-
-@pytest.fixture
-def cluster(monkeypatch):
-    """A head without cores, so that all work is done by the workers that tests add."""
-    ray = pytest.importorskip("ray", reason="needs the extra cluster")
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    head = {"num_cpus": 0, "include_dashboard": False}
-    made = Cluster(initialize_head=True, head_node_args=head, connect=False)
-    yield made
-    ray.shutdown()
-    made.shutdown()

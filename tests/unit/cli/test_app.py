@@ -1,6 +1,7 @@
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 
@@ -74,8 +75,7 @@ def failing(monkeypatch):
     """Add a command that raises to the application, for one test."""
 
     def add(error):
-        monkeypatch.setattr(application.app, "registered_commands", list(application.app.registered_commands))
-        application.app.command("fail")(raiser(error))
+        monkeypatch.setitem(application.app.commands, "fail", click.Command("fail", callback=raiser(error)))
 
     return add
 

@@ -191,8 +191,8 @@ def test_three_pixels_go_with_a_pull_of_the_blur(folder, cli):
         (["--focus", 0.4, "--tilt-y", "nan"], ["error: --tilt-y: expected -80 to 80 degrees, got nan"]),
         (["--focus", 0.4, "--tilt-y", "much"], ["--tilt-y: expected -80 to 80 degrees, got 'much'"]),
         (
-            ["--tilt-x", 5],
-            ["--focus, --focus-at, --focus-range and --focus-plane, got none"],
+            ["--constant-disparity", 0.5, "--tilt-x", 5],
+            ["got both"],
         ),
         (
             ["--focus-plane", "1,1", "2,2", "30,30"],
@@ -218,7 +218,7 @@ def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
 
 
 def test_a_plane_that_leans_beyond_all_rays_is_told(fails):
-    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45)
+    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45, "-q")
     fails(words, "error: --tilt-x: expected a defocus that changes by up to", "tilt less or blur less")
 
 

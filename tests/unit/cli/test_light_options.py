@@ -70,15 +70,26 @@ def test_the_hybrid_takes_highlights(folder, cli, random_weights):
         (["--gamma", 6], ["--gamma", "got 6"]),
         (["--gamma", "nan"], ["--gamma", "nan"]),
         (["--gamma", "high"], ["--gamma: expected 0.2 to 5, got 'high'"]),
-        (["--highlights", 1], ["error: --highlights: expected at least 0 and below 1, got 1"]),
+        (
+            ["--highlights", 1],
+            ["error: --highlights: expected auto, off, or at least 0 and below 1, got '1'"],
+        ),
         (["--highlights", -0.5], ["--highlights", "-0.5"]),
         (["--highlights", "nan"], ["--highlights", "nan"]),
+        (["--highlights", "of"], ["--highlights: expected auto, off, or at least 0 and below 1, got 'of'"]),
+        (
+            ["--highlights", "off", "--highlight-strength", 2],
+            ["--highlight-strength: expected --highlights auto for it to act on, got 2"],
+        ),
         (
             ["--highlights", 0.9, "--highlight-gain", 0.5],
             ["--highlight-gain: expected a number of at least 1, got 0.5"],
         ),
         (["--highlights", 0.9, "--highlight-gain", "inf"], ["--highlight-gain", "finite"]),
-        (["--highlight-gain", 4], ["--highlight-gain: expected --highlights for it to act on, got 4"]),
+        (
+            ["--highlight-gain", 4],
+            ["--highlight-gain: expected a number as --highlights for it to act on, got 4"],
+        ),
     ],
 )
 def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):

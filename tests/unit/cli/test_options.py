@@ -46,23 +46,22 @@ def picture(folder, cli):
 
 
 def render_command():
-    import typer
-
     from bokehnet.cli.app import app
 
-    return typer.main.get_command(app).commands["render"]
+    return app.commands["render"]
 
 
 def shown_flags(text):
     return set(re.findall(r"^  (?:-\w, )?--([a-z0-9-]+)", text, re.MULTILINE))
 
 
-@pytest.mark.parametrize("flag", ["-h", "--help"])
-def test_help_has_a_section_for_every_group(cli, flag):
-    outcome = cli("render", flag)
+@pytest.mark.parametrize("command", ["render", "studio"])
+def test_complete_help_has_a_section_for_every_group(cli, command):
+    outcome = cli(command, "--help-all")
     assert (outcome.code, outcome.err) == (0, "")
     titles = [line[:-1] for line in outcome.out.splitlines() if re.fullmatch(r"\S.*:", line)]
-    groups = [*(group.TITLE for group in group_types()), SequenceSettings.TITLE]
+    groups = [group.TITLE for group in group_types()]
+    groups += [SequenceSettings.TITLE] if command == "render" else []
     assert [title for title in titles if title in groups] == list(dict.fromkeys(groups))
     assert len(titles) == len(set(titles))
     assert max(map(len, outcome.out.splitlines())) <= 100
@@ -70,11 +69,49 @@ def test_help_has_a_section_for_every_group(cli, flag):
 
 def test_help_tells_every_setting_and_hides_the_earlier_names(cli):
     known = [*all_settings().values(), *field_settings(SequenceSettings).values()]
-    shown = shown_flags(cli("render", "-h").out)
+    shown = shown_flags(cli("render", "--help-all").out)
     assert {item.flag for item in known if item.flag} <= shown
     assert not {alias for item in known for alias in item.aliases} & shown
     assert "as-stored" not in shown
-    assert not {flag for flag in shown if flag.startswith("no-")}
+    assert {flag for flag in shown if flag.startswith("no-")} == {"no-data"}  # a setting, no negation
+
+
+@pytest.mark.parametrize("command", ["render", "compare", "studio"])
+def test_short_help_fits_a_screen_and_names_every_group(cli, command):
+    lines = cli(command, "--help").out.splitlines()
+    assert len(lines) <= 45
+    assert max(map(len, lines)) <= 80
+    known = all_settings().values()
+    shown = shown_flags("\n".join(lines))
+    assert {"disparity", "depth", "blur", "f-number", "focus-at"} <= shown
+    assert len(shown) <= 22
+    names = lines[next(i for i, line in enumerate(lines) if "--help-all" in line) :]
+    words = re.findall(r"[a-z]+", " ".join(names))
+    assert {item.group for item in known} - set(words) <= (
+        {"engine", "output"} if command == "compare" else set()
+    )
+
+
+def test_examples_of_the_short_help_parse(cli):
+    lines = cli("render", "--help").out.splitlines()
+    examples = [line.split()[2:] for line in lines if line.startswith("  bokehnet render ")]
+    assert len(examples) == 4
+    for words in examples:
+        render_command().make_context("render", words)
+
+
+@pytest.mark.parametrize("word", ["aperture", "blades"])
+def test_help_of_a_group_shows_its_options_only(cli, word):
+    outcome = cli("render", "--help", word)
+    known = [item for item in all_settings().values() if item.group == "aperture" and item.flag]
+    assert (outcome.code, outcome.err) == (0, "")
+    assert shown_flags(outcome.out) == {item.flag for item in known}
+
+
+def test_help_of_an_unknown_group_names_the_groups(cli):
+    outcome = cli("render", "--help", "apertur")
+    assert outcome.code == 1
+    assert "--help: expected one of input, depth, focus, camera, aperture" in outcome.err
 
 
 def test_every_earlier_option_is_still_there():
@@ -111,31 +148,26 @@ def test_help_of_render_imports_nothing_heavy(python_process):
 
 
 def completed(words, tmp_path, last):
-    """What the shell is offered for the last word. Authority: typer's protocol for Bash."""
+    """Return the completions of the last word. Authority: click's protocol for Bash."""
     environment = {
         **os.environ,
-        "_BOKEHNET_COMPLETE": "complete_bash",
+        "_BOKEHNET_COMPLETE": "bash_complete",
         "COMP_WORDS": " ".join(words),
         "COMP_CWORD": str(last),
-        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
     }
-    source = (
-        "import sys; sys.argv[0] = 'bokehnet'; from bokehnet.cli.app import app; app(prog_name='bokehnet')"
-    )
+    source = "from bokehnet.cli.app import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=False
     )
     assert done.stderr == ""
-    return done.stdout.split()
+    return [line.partition(",")[2] for line in done.stdout.splitlines() if line.startswith("plain,")]
 
 
-def test_a_script_completes_in_the_shell(tmp_path, python_process, monkeypatch):
-    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
-    source = "from bokehnet.cli.app import main; import sys; sys.argv[0] = 'bokehnet'; main()"
-    outcome = python_process(source, "--show-completion", "bash")
+def test_a_script_completes_in_the_shell(cli):
+    outcome = cli("--show-completion", "bash")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "_BOKEHNET_COMPLETE=complete_bash" in outcome.out
-    assert "complete -o default -F _bokehnet_completion bokehnet" in outcome.out
+    assert "_BOKEHNET_COMPLETE=bash_complete" in outcome.out
+    assert "complete -o nosort -F _bokehnet_completion bokehnet" in outcome.out
 
 
 @pytest.mark.slow
@@ -341,7 +373,6 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
             ["--depth-model", "missing.onnx", "--blur", 3, "--focus", 0.5],
             ["missing.onnx: expected an ONNX file"],
         ),
-        (["--depth-model", "photo.png", "--blur", 3], ["expected one of --focus, --focus-at"]),
         (["--depth-convention", "midas"], ["--depth-convention: expected --depth-model for it to act on"]),
         (["--depth-model", "photo.png", "--channel", "Z"], ["--channel: expected --disparity, --depth or"]),
     ],

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -84,15 +85,17 @@ def test_a_lens_is_the_same_in_every_process(shot, cli, tmp_path, monkeypatch):
 
 
 def test_what_is_there_is_kept_unless_overwritten(shot, cli):
-    (shot / "out.0002.png").write_bytes(b"older")
+    shutil.copy(shot / "shot.0002.png", shot / "out.0002.png")
+    older = (shot / "out.0002.png").read_bytes()
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
-    told = r"bokehnet: 3 frames rendered, 1 exist already \(--overwrite renders them again\), \d+\.\d s\n"
-    assert re.fullmatch(told, outcome.err)
-    assert (shot / "out.0002.png").read_bytes() == b"older"
+    existing = r"1 exist already \(--overwrite renders them again\)"
+    line = rf"bokehnet: 3 frames rendered, {existing}, \d+\.\d s; assumed: bright is near\n"
+    assert re.fullmatch(line, outcome.err)
+    assert (shot / "out.0002.png").read_bytes() == older
     assert len(outputs(shot)) == 4
     assert cli(*SHOT, *FOCUS, "--frames", "1-4", "--overwrite").code == 0
-    assert (shot / "out.0002.png").read_bytes() != b"older"
+    assert (shot / "out.0002.png").read_bytes() != older
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -178,7 +181,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--f-number-from", 2, "--f-number-to", 4),
-            "--f-number: expected nothing: it does not apply to --disparity, got 2",
+            "--f-number: expected nothing: it does not apply to --disparity with --blur, got 2",
         ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (

@@ -76,6 +76,30 @@ def test_equal_frames_of_a_shot_give_equal_files(noisy, cli):
     assert len(set(bytes_of(noisy).values())) == 1
 
 
+def test_parts_of_a_shot_have_its_frames(noisy, cli):
+    """Authority: the whole shot, byte for byte, with the repair decided for the whole."""
+    assert cli(*SHOT).code == 0
+    whole = bytes_of(noisy)
+    for name in whole:
+        (noisy / name).unlink()
+    for part in ("1-2", "3-3", "4-6x2", "5-5"):
+        assert cli(*SHOT[:-1], part).code == 0
+    assert bytes_of(noisy) == whole
+
+
+def test_empty_and_truncated_outputs_are_rendered_again(noisy, cli):
+    """Authority: the first run."""
+    assert cli(*SHOT).code == 0
+    whole = bytes_of(noisy)
+    (noisy / "out.0002.png").write_bytes(b"")
+    (noisy / "out.0003.png").write_bytes(whole["out.0003.png"][:-20])
+    write_image(noisy / "out.0004.png", np.zeros((8, 8, 3), np.float32))
+    outcome = cli(*SHOT)
+    assert outcome.code == 0
+    assert "3 frames rendered, 3 exist already" in outcome.err.replace(" with", ",")
+    assert bytes_of(noisy) == whole
+
+
 @pytest.mark.slow
 def test_processes_and_later_runs_give_the_same_files(noisy, cli):
     assert cli(*SHOT).code == 0
@@ -111,7 +135,7 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
     def never(*given):
         raise AssertionError("was looked through again")
 
-    monkeypatch.setattr(FilteredShot, "_accumulate_forward", never)
+    monkeypatch.setattr(FilteredShot, "_filtered", never)
     assert cli(*SHOT).code == 0
     assert bytes_of(noisy) == whole
     assert hidden(noisy) == []

@@ -109,7 +109,7 @@ def test_where_nothing_was_learned_nothing_is_told(engine, options, words):
 
 def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
     """Authority: a path-traced shot that nothing was trained on, within reach of depth discontinuities."""
-    from train.evaluation_sets import list_pictures
+    from train.scores.evaluation_sets import list_pictures
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[2].read()

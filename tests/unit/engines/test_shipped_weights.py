@@ -14,7 +14,7 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import make_sample
 from tests.conftest import ROOT
-from train.metrics import compare, mean_scores
+from train.scores.metrics import compare, mean_scores
 
 # Minimum gain of each engine over its classical render, dB.
 GAIN = {"hybrid": 0.1, "fast": 1.0, "neural": 1.0}
@@ -79,8 +79,8 @@ def test_the_package_stays_small():
 )
 def test_the_repair_improves_degraded_maps_and_does_not_change_accurate_ones(shared, kind, min_gain):
     """Authority: a path-traced shot; gain of the rays near edges with "auto", dB."""
-    from train.degradation import degrade
-    from train.evaluation_sets import list_pictures
+    from train.data.degradation import degrade
+    from train.scores.evaluation_sets import list_pictures
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[4].read()
@@ -97,8 +97,8 @@ def test_the_repair_improves_degraded_maps_and_does_not_change_accurate_ones(sha
 
 def test_engines_on_an_independent_renderer(shared):
     """Authority: held-out path-traced shots; means over all shots of a scene."""
-    from benchmarks.cycles import read_shots, whole_engine
-    from benchmarks.quality import score
+    from benchmarks.quality.cycles import read_shots, whole_engine
+    from benchmarks.quality.score_table import score
 
     folder = shared("cycles/s1_still_life/scene.json").parent
     names = ("scatter", "fast", "neural", "rays", "hybrid")

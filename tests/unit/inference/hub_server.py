@@ -52,7 +52,7 @@ def hub_server(files: dict[tuple[str, str], bytes]) -> Iterator[Hub]:
                 return self.tell(404, b"", {}, body)
             owner, name, _, revision, file = path.split("/", 4)
             content = hub.files.get((f"{owner}/{name}", file))
-            if revision != REVISION:
+            if revision not in (REVISION, "main"):
                 return self.tell(404, b"", {"X-Error-Code": "RevisionNotFound"}, body)
             if content is None:
                 return self.tell(404, b"", {"X-Error-Code": "EntryNotFound"}, body)

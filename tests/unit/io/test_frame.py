@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
 from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
+from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
-from bokehnet.io.image import read_image, write_image
-from bokehnet.io.output_format import OutputFormat
+from bokehnet.io.image import write_image
 from tests.unit.io.exr_files import read_channels, read_spec, write_exr
 
 RNG = np.random.default_rng(0)
@@ -77,7 +77,7 @@ def test_only_the_picture_changes(tmp_path, layout, compression):
     )
     old, new = read_headers(source), read_headers(tmp_path / "out.exr")
     assert old == new  # bytes of all attributes: metadata, windows, colour space, compression, tiles
-    assert_array_equal(read_image(tmp_path / "out.exr"), bokeh)
+    assert_array_equal(read_frame(tmp_path / "out.exr").image, bokeh)
     assert sorted(os.listdir(tmp_path)) == ["in.exr", "out.exr"]
 
 
@@ -92,9 +92,9 @@ def test_lossy_compression_is_kept(tmp_path, compression, exact):
         assert_array_equal(new[name][1], old[name][1])
     assert read_headers(source) == read_headers(tmp_path / "out.exr")
     if exact:
-        assert_array_equal(read_image(tmp_path / "out.exr"), frame.image)
+        assert_array_equal(read_frame(tmp_path / "out.exr").image, frame.image)
     else:
-        assert np.abs(read_image(tmp_path / "out.exr") - frame.image).max() < 0.1
+        assert np.abs(read_frame(tmp_path / "out.exr").image - frame.image).max() < 0.1
 
 
 @pytest.mark.parametrize("compression", ["none", "zip", "piz", "pxr24", "b44", "dwaa:45"])
@@ -132,7 +132,7 @@ def test_other_parts_are_copied_byte_by_byte(tmp_path):
         assert chunks(tmp_path / "out.exr")[index] == chunks(source)[index]
         for name, (_, array) in read_channels(source, index).items():
             assert_array_equal(read_channels(tmp_path / "out.exr", index)[name][1], array)
-    assert_array_equal(read_image(tmp_path / "out.exr"), frame.image * 2)
+    assert_array_equal(read_frame(tmp_path / "out.exr").image, frame.image * 2)
     for name in ("Z", "A", "N.X"):
         assert_array_equal(read_channels(tmp_path / "out.exr", 1)[name][1], read_channels(source, 1)[name][1])
 
@@ -211,7 +211,7 @@ def test_deep_parts_pass_through(tmp_path):
     frame = read_frame(source)
     write_frame(tmp_path / "out.exr", frame, frame.image * 2)
     assert chunks(tmp_path / "out.exr")[0] == chunks(source)[0]
-    assert (read_image(tmp_path / "out.exr") == 0.5).all()
+    assert (read_frame(tmp_path / "out.exr").image == 0.5).all()
     again = oiio.ImageInput.open(str(tmp_path / "out.exr")).read_native_deep_image(0, 0)
     assert [again.samples(pixel) for pixel in range(12)] == [pixel % 3 for pixel in range(12)]
     depth = [again.channelname(i) for i in range(again.channels)].index("Z")
@@ -242,7 +242,7 @@ def test_the_frames_own_file_may_be_written(tmp_path):
     path = write_exr(tmp_path / "a.exr", beauty())
     old, frame = read_channels(path), read_frame(path)
     write_frame(path, frame, frame.image * 2)
-    assert_array_equal(read_image(path), frame.image * 2)
+    assert_array_equal(read_frame(path).image, frame.image * 2)
     assert_array_equal(read_channels(path)["Z"][1], old["Z"][1])
     with pytest.raises(ImageFileError, match="has changed since it was read"):
         write_frame(tmp_path / "b.exr", frame, frame.image)
@@ -254,7 +254,7 @@ def test_values_beyond_half_are_clipped_in_half_channels_only(tmp_path):
         part = {"channels": {name: (kind, values()) for name in "RGB"}}
         frame = read_frame(write_exr(tmp_path / "in.exr", part))
         write_frame(tmp_path / "out.exr", frame, np.full((*SIZE, 3), 1e9))
-        assert (read_image(tmp_path / "out.exr") == largest).all()
+        assert (read_frame(tmp_path / "out.exr").image == largest).all()
 
 
 def test_a_grey_picture_and_a_layer_are_written_back(tmp_path):
@@ -285,7 +285,7 @@ def test_channels_are_added_beside_the_picture(tmp_path, compression, layout):
     for name in ("Z", "ViewLayer.CryptoObject00.r"):
         assert_array_equal(new[name][1], old[name][1])
     if compression != "dwaa:45":
-        assert_array_equal(read_image(tmp_path / "out.exr"), frame.image * 2)
+        assert_array_equal(read_frame(tmp_path / "out.exr").image, frame.image * 2)
         assert_array_equal(new["doubt"][1], doubt)
     again = read_frame(tmp_path / "out.exr")
     write_frame(tmp_path / "out.exr", again, again.image, extra_channels={"doubt": 2 * doubt})
@@ -325,7 +325,7 @@ def test_straight_alpha_survives_reading_and_writing(tmp_path, store, extension)
     stored[..., 3] = np.linspace(40, 255, 16)
     frame = read_frame(store("in.png", stored, "RGBA"))
     assert_allclose(frame.alpha, stored[..., 3] / 255, atol=1e-6)
-    assert_allclose(frame.image, read_image(tmp_path / "in.png"), atol=0)
+    assert_allclose(frame.image, read_frame(tmp_path / "in.png").image, atol=0)
     target = tmp_path / f"out{extension}"
     write_frame(target, frame, frame.image, output_format=OutputFormat(quality=100))
     file = oiio.ImageInput.open(str(target), oiio.ImageSpec())
@@ -341,7 +341,7 @@ def test_formats_without_alpha_show_the_picture_over_black(tmp_path, store):
     frame = read_frame(store("in.png", stored, "RGBA"))
     for name, tolerance in (("a.jpg", 0.01), ("a.hdr", 0.01)):
         write_frame(tmp_path / name, frame, frame.image)
-        assert_allclose(read_image(tmp_path / name), frame.image, atol=tolerance)
+        assert_allclose(read_frame(tmp_path / name).image, frame.image, atol=tolerance)
 
 
 def test_a_png_becomes_a_premultiplied_exr(tmp_path, store):
@@ -358,7 +358,7 @@ def test_other_formats_show_the_display_window(tmp_path):
     assert frame.image.shape == (*SIZE, 3)
     assert (frame.window.x, frame.window.y, frame.window.display_width) == (10, -5, 120)
     write_frame(tmp_path / "a.png", frame, frame.image)
-    shown = read_image(tmp_path / "a.png")
+    shown = read_frame(tmp_path / "a.png").image
     assert shown.shape == (60, 120, 3)
     expected = np.zeros((60, 120))
     expected[:, 10:100] = 1
@@ -449,7 +449,7 @@ def test_a_failure_on_the_way_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_frame(source, frame, frame.image * 2)
     assert os.listdir(tmp_path) == ["in.exr"]
-    assert_array_equal(read_image(source), frame.image)
+    assert_array_equal(read_frame(source).image, frame.image)
 
 
 def test_earlier_names_of_keywords_still_work(tmp_path, store):

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.frame import read_frame
-from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, resize_map
+from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, read_stored_map, resize_map
 from tests.unit.io.exr_files import write_exr
 
 
@@ -17,9 +17,19 @@ def test_integer_maps_are_scaled_without_a_curve(store, dtype, top):
 def test_a_colour_picture_counts_only_when_grey(store):
     grey = np.repeat(np.arange(6, dtype=np.uint8).reshape(2, 3, 1), 3, axis=2)
     assert_allclose(read_map(store("a.png", grey)), grey[..., 0] / 255)
-    grey[0, 0, 2] += 1
-    with pytest.raises(ImageFileError, match="colour picture"):
+    grey[0, 0, 2] += 90
+    with pytest.raises(ImageFileError, match=r"colour picture.*depth.coding"):
         read_map(store("b.png", grey))
+
+
+def test_a_tint_of_a_few_levels_is_read_with_a_note(store):
+    """Authority: the grey values before the tint; colour management and screenshots leave such tints."""
+    grey = np.repeat(np.arange(0, 240, 40, dtype=np.uint8).reshape(2, 3, 1), 3, axis=2)
+    tinted = grey + np.array([0, 2, 0], np.uint8)
+    stored = read_stored_map(store("a.png", tinted))
+    assert_allclose(stored.values, grey[..., 0] / 255, atol=1 / 255)
+    assert "differ by up to 2 of 255 levels" in stored.notes[0]
+    assert stored.assumptions == ("tinted grey",)
 
 
 def test_alpha_of_a_map_is_ignored(store):
@@ -129,7 +139,7 @@ def test_metric_disparity_that_is_no_disparity_is_an_error(store, bad):
 
 def test_an_unknown_unit_is_an_error_that_lists_the_known_ones(store):
     path = store("a.exr", np.ones((2, 2), np.float32), ["Z"])
-    with pytest.raises(ParameterError, match=r"unit: expected one of 1/m, cm, ft, in, m, mm, got 'km'"):
+    with pytest.raises(ParameterError, match=r"unit: expected one of mm, cm, m, in, ft, 1/m, .*got 'km'"):
         read_depth(path, unit="km")
 
 
@@ -188,7 +198,7 @@ def test_a_map_with_another_data_window_is_brought_onto_the_pictures(tmp_path):
 
 
 def test_integer_depth_is_refused_because_its_unit_is_unknown(store):
-    with pytest.raises(ImageFileError, match=r"uint16.*EXR"):
+    with pytest.raises(ImageFileError, match=r"integers up to 65535.*EXR"):
         read_depth(store("a.png", np.ones((2, 2), np.uint16)))
 
 

@@ -99,7 +99,7 @@ def test_sixteen_bit_grey_keeps_its_levels(store, levels):
 def test_a_picture_larger_than_the_limit_is_refused_from_its_header(store_png, tmp_path, monkeypatch):
     """A bomb: 900 MP in a file of a hundred bytes, whose pixels are not even there."""
     path = store_png("a.png", 30000, 0, [b""] * 30000)
-    with pytest.raises(ImageFileError, match=r"30000x30000 pixels.*200000000.*BOKEHNET_MAX_PIXELS"):
+    with pytest.raises(ImageFileError, match=r"30000x30000 pixels.*limit of 200000000;.*BOKEHNET_MAX_PIXELS"):
         read_image(path)
     write_image(tmp_path / "b.exr", np.zeros((20, 30, 3)))
     monkeypatch.setenv(PIXEL_LIMIT_VARIABLE, "599")

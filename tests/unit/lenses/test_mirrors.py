@@ -16,7 +16,7 @@ from bokehnet.lenses.aberrations.wavefront import trace_wavefront
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, SurfaceRow, read_prescription
-from bokehnet.lenses.pupils import paraxial_lens
+from bokehnet.lenses.pupils.paraxial_lens import paraxial_lens
 from bokehnet.lenses.seidel_lens import seidel_by_surface
 from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
 from bokehnet.optics.aperture import Aperture

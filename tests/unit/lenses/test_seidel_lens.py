@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.experiments.printed_seidel import born_and_wolf, focal_length, in_half_diagonals
-from benchmarks.experiments.seidel import compare
+from benchmarks.experiments.lenses.printed_seidel import born_and_wolf, focal_length, in_half_diagonals
+from benchmarks.experiments.lenses.seidel import compare
 from bokehnet.errors import ParameterError
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import catalog_names, load_lens

@@ -149,8 +149,10 @@ def test_a_click_focuses_there(folder, address, page):
     page.locator("#result").click(position={"x": 5, "y": 5})
     page.wait_for_function(f"document.querySelector('[name=focus]').value != '{FOCUS}'")
     focus = float(page.input_value("[name=focus]"))
-    there = read_disparity(folder / "disparity.png")[5, 5]
-    assert abs(focus - there) < 0.003
+    near = read_disparity(folder / "disparity.png")[
+        4:7, 4:7
+    ]  # the canvas may begin within a pixel of the screen
+    assert near.min() - 0.003 < focus < near.max() + 0.003
     (folder / "saved.png").write_bytes(rendered(page)[1])
     found = linear_to_srgb(read_image(folder / "saved.png"))
     assert decibels(found, wanted(folder, focus)) > 50
@@ -164,14 +166,11 @@ def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
         "document.querySelector('#status').textContent.startsWith('Failed')", timeout=60_000
     )
     assert "no picture that this browser can read" in page.inner_text("[data-fault=photo]")
-    choose(page, folder, photo="photo", disparity="disparity")
-    page.fill("[name=K]", str(BLUR))
-    page.click("button")
+    choose(page, folder, photo="photo", disparity="disparity")  # begins by itself
     page.wait_for_function("/ in /.test(document.querySelector('#status').textContent)", timeout=200_000)
     assert page.inner_text("[data-fault=photo]") == ""
     shown = page.evaluate("document.querySelector('#save').href")
     choose(page, folder, disparity="broken")
-    page.click("button")
     page.wait_for_function("document.querySelector('[data-fault=disparity]').textContent", timeout=60_000)
     assert page.evaluate("document.querySelector('#save').href") == shown
     assert page.is_visible("#save")
@@ -181,13 +180,49 @@ def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
 def test_a_number_out_of_its_bounds_is_told_beside_its_control(folder, address, page):
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     rendered(page)
-    for name, wrong, right in (("K", "-3", BLUR), ("focus", "7", FOCUS), ("gamma", "", 1)):
-        page.fill(f"[name={name}]", wrong)
-        page.wait_for_function(f"document.querySelector('[data-fault={name}]').textContent")
+    page.click("summary")
+    for wrong in ("", "9", "-3"):
+        page.fill("[name=gamma]", wrong)
+        page.wait_for_function("document.querySelector('[data-fault=gamma]').textContent")
         assert page.is_visible("#save")  # the picture stays
-        page.fill(f"[name={name}]", str(right))
-        page.wait_for_function(f"!document.querySelector('[data-fault={name}]').textContent")
+        page.fill("[name=gamma]", "1")
+        page.wait_for_function("!document.querySelector('[data-fault=gamma]').textContent")
     assert "110x83 in" in rendered(page)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("photo", "disparity"), ("disparity", "photo")])
+def test_dropped_files_are_rendered_at_once_in_any_order(folder, address, page, names):
+    """Authority: the package's picture by the values that the sliders show."""
+    page.goto(f"{address}/?K={BLUR}&focus={FOCUS}")
+    encoded = [
+        [f"{name}.png", base64.b64encode((folder / f"{name}.png").read_bytes()).decode()] for name in names
+    ]
+    page.evaluate(
+        """(files) => {
+            const data = new DataTransfer();
+            for (const [name, text] of files) {
+                data.items.add(new File([Uint8Array.from(atob(text), (one) => one.charCodeAt(0))], name));
+            }
+            const drop = new DragEvent("drop", { dataTransfer: data, bubbles: true });
+            document.querySelector("#files").dispatchEvent(drop);
+        }""",
+        encoded,
+    )
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
+    assert page.locator("form input[type=range]").count() == 2
+
+
+@pytest.mark.slow
+def test_the_sample_is_one_click(folder, address, page):
+    for source, name in (("photo", "demo"), ("disparity", "demo_disparity")):
+        shutil.copy(folder / f"{source}.png", folder / f"{name}.png")
+    page.goto(address)
+    assert page.evaluate("document.querySelector('#controls').inert")
+    page.click("#sample")
+    assert "110x83 in" in rendered(page)[0]
+    assert not page.evaluate("document.querySelector('#controls').inert")
 
 
 @pytest.mark.slow

@@ -60,6 +60,14 @@ def test_roundness_0_is_the_ellipse_of_the_picture():
     assert circle[0] < circle[1]
 
 
+def test_the_falloff_is_the_smoothstep_of_the_squared_radius():
+    """Smoothstep m^2 (3 - 2 m), the cubic with flat ends: 5/32 at a quarter of the way, 1/2 half-way."""
+    vignette = Vignette(stops=1.0, radius=0.3, softness=0.7)
+    for fraction, strength in ((0.25, 5 / 32), (0.5, 0.5)):
+        radius = math.sqrt(0.3**2 + fraction * (1 - 0.3**2))
+        assert vignette.factor(radius * CORNER, 4 / 3) == pytest.approx(2**-strength)
+
+
 def test_stops_below_0_brighten_by_as_much():
     darker, brighter = (Vignette(stops=stops).factor(FIELD, 1.5) for stops in (2.0, -2.0))
     assert_allclose(darker * brighter, 1)

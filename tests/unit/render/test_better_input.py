@@ -29,8 +29,8 @@ from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.known_edges import matte_surfaces
 from tests.unit.io.exr_files import write_deep, write_exr
-from train.evaluation_sets import path_traced_shots
-from train.metrics import compare
+from train.scores.evaluation_sets import path_traced_shots
+from train.scores.metrics import compare
 
 HEIGHT, WIDTH = 48, 64
 FRONT, BACK = np.float32([0.9, 0.2, 0.1]), np.float32([0.1, 0.3, 0.8])

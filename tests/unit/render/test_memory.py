@@ -119,3 +119,20 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
     settings = told(int(found[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
     assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)
+
+
+def test_the_bound_covers_reading(tmp_path):
+    """A deep EXR whose samples need more memory than the small picture itself, and a large map."""
+    from tests.unit.io.test_bounds import deep_exr, png
+
+    (tmp_path / "deep.exr").write_bytes(deep_exr(60_000, 60))
+    settings = RenderSettings().updated({"engine": {"name": "scatter", "max_memory": 300 * 10**6}})
+    with pytest.raises(ParameterError, match=r"at least .* MB"):
+        check_memory(tmp_path / "deep.exr", settings)
+    write_image(tmp_path / "a.png", np.zeros((8, 8, 3), np.float32))
+    (tmp_path / "map.png").write_bytes(png(9000, 7000))
+    table = {"engine": {"name": "scatter", "max_memory": 900 * 10**6}, "input": {}}
+    check_memory(tmp_path / "a.png", RenderSettings().updated(table))
+    table["input"] = {"disparity": str(tmp_path / "map.png")}
+    with pytest.raises(ParameterError, match=r"reading .*map.png"):
+        check_memory(tmp_path / "a.png", RenderSettings().updated(table))

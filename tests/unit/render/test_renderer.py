@@ -368,8 +368,7 @@ def test_a_window_moves_what_is_centred(photo, steps):
 @pytest.mark.parametrize(
     ("settings", "parameter", "words"),
     [
-        ({"camera": CameraSettings()}, "camera.blur", "needs `camera.blur`"),
-        ({"focus": FocusSettings()}, "focus.value", "one of `focus.value`"),
+        ({"camera": CameraSettings(sensor_width=36)}, "camera.sensor_width", "does not apply to"),
         ({"focus": FocusSettings(at=(64, 0))}, "focus.at", "inside the picture of 64x40"),
         ({"focus": FocusSettings(distance=2)}, "focus.distance", "does not apply to"),
         ({"lens": LensSettings(coma=2)}, "lens.coma", "rays or hybrid"),

@@ -10,7 +10,8 @@ from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.scene.depth.depth_source import DepthMap
-from bokehnet.scene.focus import check_focus, disparity_at_pixel, disparity_of_distance, focus_lens
+from bokehnet.scene.focus import disparity_at_pixel, disparity_of_distance, focus_lens
+from bokehnet.scene.focus_checks import check_focus
 from bokehnet.settings.settings import CameraSettings, FocusSettings, InputSettings, RenderSettings
 
 WIDTH, HEIGHT = 64, 40
@@ -106,18 +107,27 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
 @pytest.mark.parametrize(
     ("settings", "parameter", "words"),
     [
-        ({"input": DISPARITY, "focus": VALUE}, "camera.blur", "`input.disparity` needs `camera.blur`"),
-        ({"input": DISPARITY, "camera": BLUR}, "focus.value", "`focus.at`, `focus.range` and `focus.plane`"),
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(distance=2)},
             "focus.distance",
             "does not apply to `input.disparity`",
         ),
         (
-            {"input": DISPARITY, "camera": CameraSettings(blur=3, f_number=2), "focus": VALUE},
-            "camera.f_number",
+            {"input": DISPARITY, "camera": CameraSettings(blur=3, sensor_width=36), "focus": VALUE},
+            "camera.sensor_width",
             "does not apply to `input.disparity`",
         ),
+        (
+            {"input": DISPARITY, "camera": CameraSettings(focal_length=50), "focus": VALUE},
+            "camera.focal_length",
+            "does not apply to `input.disparity` without `camera.f_number`",
+        ),
+        (
+            {"input": DISPARITY, "camera": CameraSettings(strength=50, f_number=2), "focus": VALUE},
+            "camera.f_number",
+            "does not apply to `input.disparity` with `camera.strength`",
+        ),
+        ({"input": DEPTH, "camera": CameraSettings(strength=50)}, "camera.strength", "does not apply"),
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(range=(0.5, 1.5))},
             "focus.range",
@@ -153,11 +163,6 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
             "input.defocus",
             "no tilt with it",
         ),
-        (
-            {"input": InputSettings(depth_model="a.onnx"), "camera": BLUR},
-            "focus.value",
-            "one of `focus.value`",
-        ),
     ],
 )
 def test_what_does_not_go_together_is_told_before_anything_is_read(settings, parameter, words):
@@ -165,6 +170,13 @@ def test_what_does_not_go_together_is_told_before_anything_is_read(settings, par
         check_focus(RenderSettings(**settings))
     assert caught.value.parameter == parameter
     assert words in str(caught.value)
+
+
+def test_frames_of_a_shot_need_a_focus():
+    settings = RenderSettings(input=InputSettings(depth_model="a.onnx"), camera=BLUR)
+    check_focus(settings)  # one picture: its subject
+    with pytest.raises(ParameterError, match=r"one of `focus\.value`"):
+        check_focus(settings, automatic=False)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.sequence.filtered_shot import FilteredShot
 from bokehnet.sequence.optical_flow import optical_flow, warp
-from bokehnet.sequence.temporal_filter import accumulate, filtered_map
+from bokehnet.sequence.temporal_filter import REACH_FRAMES, FrameWindow
 
 
 def texture(x, y):
@@ -65,7 +65,7 @@ def shot(frames, seed=0):
 def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp_path):
     images, maps, truth = shot(12)
     steady = FilteredShot(tmp_path)
-    steady.filter(zip(images, maps, strict=True), 12)
+    steady.filter(zip(images, maps, strict=True), range(12))
     for t in (0, 6, 11):
         found = steady.read(t)
         away, before = np.abs(found - truth[t]), np.abs(maps[t] - truth[t])
@@ -77,42 +77,92 @@ def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp
 
 def test_a_shot_that_is_done_is_not_read_again(tmp_path):
     images, maps, _ = shot(3)
-    FilteredShot(tmp_path).filter(zip(images, maps, strict=True), 3)
+    FilteredShot(tmp_path).filter(zip(images, maps, strict=True), range(3))
 
     def never():
         raise AssertionError("was read")
         yield
 
-    FilteredShot(tmp_path).filter(never(), 3)
+    FilteredShot(tmp_path).filter(never(), range(3))
 
 
-def test_what_comes_nearer_evenly_does_not_lag_at_the_end_of_a_shot():
-    """By a line: the mean of a ramp's last 60 frames would be 0.2 behind."""
-    picture, past = texture(*places(24, 24)), None
-    for t in range(60):
-        values = np.full((24, 24), 0.2 + 0.01 * t, np.float32)
-        past = accumulate(values, picture, past)
-    alone = accumulate(values, picture)
-    assert abs(float(filtered_map(past, alone)[12, 12]) - 0.79) < 0.01
+CURVES = {
+    "level": lambda s: 0.4 + 0 * s,
+    "velocity": lambda s: 0.2 + 0.6 * s,
+    "acceleration": lambda s: 0.2 + 0.6 * s**2,
+    "braking": lambda s: 0.8 - 0.6 * (1 - s) ** 2,
+    "rising acceleration": lambda s: 0.2 + 0.6 * s**3,
+}
+
+
+def filtered(folder, frames, numbers=None, selected=None):
+    """The filtered maps of (picture, map) pairs, by number."""
+    numbers = range(len(frames)) if numbers is None else numbers
+    steady = FilteredShot(folder)
+    steady.filter(frames, numbers, selected=selected)
+    return {n: steady.read(n) for n in (numbers if selected is None else selected)}
+
+
+@pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 12, 60])
+def test_smooth_motion_in_depth_without_noise_passes_unchanged(tmp_path, curve, count):
+    """Authority: the maps themselves, to the rounding of float32."""
+    picture, inside = texture(*places(24, 32)), np.zeros((24, 32), bool)
+    inside[6:18, 8:24] = True
+    times = np.arange(count) / max(count - 1, 1)
+    maps = [np.where(inside, CURVES[curve](s), 0.1).astype(np.float32) for s in times]
+    kept = filtered(tmp_path, [(picture, values) for values in maps])
+    assert max(np.abs(kept[t] - maps[t]).max() for t in range(count)) < 2.5e-7
+
+
+def test_motion_that_starts_and_stops_softly_passes_almost_unchanged(tmp_path):
+    """Authority: the maps, half a cosine over 40 frames: not a polynomial."""
+    picture = texture(*places(24, 32))
+    maps = [np.full((24, 32), 0.5 - 0.3 * np.cos(np.pi * t / 39), np.float32) for t in range(40)]
+    kept = filtered(tmp_path, [(picture, values) for values in maps])
+    assert max(np.abs(kept[t] - maps[t]).max() for t in range(40)) < 1e-5
+
+
+def test_noise_is_taken_from_motion(tmp_path):
+    """Authority: the variance of a line fitted to 49 frames, 1/49 in the middle, under noise of one."""
+    rng, picture = np.random.default_rng(3), texture(*places(24, 32))
+    truth = [np.full((24, 32), 0.2 + 0.01 * t, np.float32) for t in range(60)]
+    maps = [(values + 0.01 * rng.standard_normal(values.shape)).astype(np.float32) for values in truth]
+    kept = filtered(tmp_path, [(picture, values) for values in maps])
+    assert np.std(kept[30] - truth[30]) < 1.3 * 0.01 / np.sqrt(49)
+
+
+def test_a_part_of_a_shot_with_its_surroundings_has_the_maps_of_the_whole(tmp_path):
+    """Authority: the whole shot, bit by bit."""
+    images, maps, _ = shot(60)
+    frames = list(zip(images, maps, strict=True))
+    whole = filtered(tmp_path / "whole", frames)
+    for first, last in ((0, 6), (25, 31), (53, 59)):
+        read = range(max(0, first - REACH_FRAMES), min(59, last + REACH_FRAMES) + 1)
+        part = filtered(
+            tmp_path / f"{first}", [frames[t] for t in read], read, selected=range(first, last + 1)
+        )
+        assert len(part) == 7
+        assert all(part[t].tobytes() == whole[t].tobytes() for t in part)
 
 
 def test_equal_frames_keep_their_map_to_the_last_bit(tmp_path):
     images, _, truth = shot(1)
     steady = FilteredShot(tmp_path)
-    steady.filter([(images[0], truth[0])] * 5, 5)
+    steady.filter([(images[0], truth[0])] * 5, range(5))
     assert {steady.read(t).tobytes() for t in range(5)} == {truth[0].tobytes()}
 
 
-def test_noise_is_no_slope_and_a_slope_is_no_noise():
-    """Authority: a mean of the draws, which the fit of a level scene must be; and the ramp, above."""
-    rng, picture = np.random.default_rng(2), texture(*places(32, 32))
-    draws = rng.choice([0.2, 0.8], (40, 32, 32)).astype(np.float32)  # an edge that jumps
-    past = None
-    for values in draws:
-        past = accumulate(values, picture, past)
-    away = filtered_map(past, accumulate(draws[-1], picture)) - 0.5
-    weights = 0.97 ** np.arange(40)
-    assert away.std() < 1.2 * 0.3 * np.sqrt(np.square(weights).sum()) / weights.sum()
+def test_an_edge_that_jumps_has_no_slope(tmp_path):
+    """Authority: the deviation of a mean of the draws with the weights of the filter."""
+    rng, picture = np.random.default_rng(2), np.full((32, 32, 3), 128, np.uint8)
+    draws = rng.choice([0.2, 0.8], (41, 32, 32)).astype(np.float32)
+    window = FrameWindow(tmp_path, (32, 32))
+    for number, values in enumerate(draws):
+        window.add(number, picture, values)
+    weights = 1 - (np.arange(-20, 21) / (REACH_FRAMES + 1)) ** 2
+    expected = 0.3 * np.sqrt(np.square(weights).sum()) / weights.sum()
+    assert np.std(window.filtered(20).values - 0.5) < 1.2 * expected
 
 
 @pytest.mark.parametrize("speed", [0.4, 2.3])
@@ -131,16 +181,18 @@ def test_edges_stay_where_things_move_by_parts_of_a_pixel(tmp_path, speed):
         truth.append(true)
         maps.append((true + 0.02 * rng.standard_normal(true.shape)).astype(np.float32))
     steady = FilteredShot(tmp_path)
-    steady.filter(zip(images, maps, strict=True), 12)
+    steady.filter(zip(images, maps, strict=True), range(12))
     assert np.mean([np.abs(steady.read(t) - truth[t]) > 0.1 for t in range(12)]) < 0.009
 
 
-def test_a_cut_forgets_what_was_before():
-    x, y = places(32, 32)
-    before = accumulate(np.zeros((32, 32), np.float32), texture(x, y))
-    after = accumulate(np.ones((32, 32), np.float32), 1 - texture(x, y) ** 2, before)
-    mean = after.values + after.moments[..., 3]
-    assert np.median(mean) > 0.9
+def test_a_cut_forgets_what_was_before(tmp_path):
+    """Authority: each shot alone, six frames of noise about another level."""
+    rng, (x, y) = np.random.default_rng(0), places(32, 32)
+    pictures = [0.3 * texture(x, y)] * 6 + [1 - 0.3 * texture(x, y)] * 6
+    maps = [(t // 6 + 0.01 * rng.standard_normal((32, 32))).astype(np.float32) for t in range(12)]
+    kept = filtered(tmp_path, list(zip(pictures, maps, strict=True)))
+    for t in (5, 6):
+        assert np.abs(np.median(kept[t]) - t // 6) < 0.005
 
 
 def test_a_plan_is_what_most_maps_ask_for():

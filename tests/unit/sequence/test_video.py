@@ -348,3 +348,32 @@ def test_a_file_that_is_no_video_is_told_by_name(tmp_path):
     (tmp_path / "no.mp4").write_bytes(b"nothing of the kind")
     with pytest.raises(BokehnetError, match=r"no\.mp4: expected a video"):
         video_info(tmp_path / "no.mp4")
+
+
+def test_maps_of_a_turned_clip_may_be_as_stored_or_as_shown(tmp_path):
+    """Authority: the clip without its display matrix, rendered with the map as stored; the matrix is kept."""
+    rng = np.random.default_rng(1)
+    pictures = [np.repeat(rng.integers(0, 200, (64, 96, 1)).astype(np.uint8), 3, 2)] * 2
+    ramp = np.tile(np.linspace(0, 1, 96, dtype=np.float32), (64, 1))
+    write_video(tmp_path / "plain.mkv", pictures)
+    write_map(tmp_path / "stored.png", ramp)
+    write_map(tmp_path / "shown.png", np.rot90(ramp, -1))
+    with av.open(str(tmp_path / "plain.mkv")) as source, av.open(str(tmp_path / "turned.mkv"), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        stream.set_display_rotation(-90)
+        for packet in source.demux(video=0):
+            if packet.size:
+                packet.stream = stream
+                target.mux(packet)
+
+    def rendered(clip, depth, output):
+        words = ["render", str(tmp_path / clip), "--disparity", str(tmp_path / depth), *SEEN]
+        assert run([*words, "-o", str(tmp_path / output)]) == 0
+        return video_info(tmp_path / output)
+
+    plain = rendered("plain.mkv", "stored.png", "0.mkv")
+    expected = [np.rot90(frame, -1) for frame in read_video(plain)]
+    for number, depth in enumerate(("stored.png", "shown.png"), 1):
+        info = rendered("turned.mkv", depth, f"{number}.mkv")
+        assert (info.width, info.height, info.stored_size) == (64, 96, (96, 64))
+        np.testing.assert_allclose(list(read_video(info)), expected, atol=0.02)

@@ -120,3 +120,91 @@ def test_finished_jobs_go_after_a_while_and_others_stay(tmp_path):
 def test_a_name_that_is_none_finds_nothing(store, name):
     submit(store)
     assert store.view(name) is None
+
+
+def damage(path):
+    """Change a byte in the middle of a file."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("name", ["request.json", "outcome.json"])
+def test_a_damaged_job_is_detected_and_set_aside(store, name):
+    bad, good = submit(store)[0], submit(store)[0]
+    if name == "outcome.json":
+        store.finish(bad, {"state": "done", "result": "result-1.png"})
+    damage(store.folder / "jobs" / bad / name)
+    if name == "request.json":
+        assert store.claim().job == good
+    for _ in range(2):
+        with pytest.raises(stores.DamagedJob):
+            store.view(bad)
+    assert store.view(good)["state"] in ("queued", "running")
+    assert (store.folder / "damaged" / bad / name).exists()
+    assert bad not in os.listdir(store.folder / "queue")
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 50, b"[1]", b"{", b"{}", b"\xff{"])
+def test_no_content_of_a_request_stops_other_jobs(store, content):
+    bad, good = submit(store)[0], submit(store)[0]
+    (store.folder / "jobs" / bad / "request.json").write_bytes(content)
+    claims = [claim.job for claim in iter(store.claim, None)]
+    assert good in claims
+    with pytest.raises(stores.DamagedJob):
+        store.view(bad)
+    assert sum(store.unfinished()) == 1
+
+
+def test_stray_files_are_ignored(store):
+    job, _ = submit(store)
+    folder = store.folder / "jobs" / job
+    for name in ("claim-x", "claim-", "claim-1e9", "free-x", ".hidden", "claim-99999999999999999999"):
+        (folder / name).touch()
+    for place in ("queue", "jobs", "keys", "incoming"):
+        (store.folder / place / "stray").write_bytes(b"\xff\0")
+        (store.folder / place / "0123").mkdir()
+    (store.folder / "queue" / ("0" * 16 + "-" + "a" * 24)).mkdir()
+    claim = store.claim()
+    assert (claim.job, claim.number) == (job, 1)
+    store.clean()
+    assert store.claim() is None
+    assert store.unfinished() == (0, 1)
+
+
+def test_a_file_in_place_of_a_job_stops_no_other(store):
+    bad, good = submit(store)[0], submit(store)[0]
+    folder = store.folder / "jobs" / bad
+    folder.rename(store.folder / "elsewhere")
+    folder.touch()
+    assert store.claim().job == good
+
+
+def test_a_damaged_key_still_finds_its_job(store):
+    job, new = submit(store, key="k")
+    (mark,) = (store.folder / "keys").iterdir()
+    mark.write_bytes(b"\xff" * 41)
+    assert new
+    assert submit(store, key="k") == (job, False)
+
+
+@pytest.mark.parametrize("job", ["a" * 300, "\ud800", "..", "a/b", "", "\0", "../../etc/passwd"])
+def test_names_that_are_no_jobs_do_not_exist(store, job):
+    assert store.view(job) is None
+
+
+def test_jobs_are_private(store, tmp_path):
+    job, _ = submit(store)
+    folders = [store.folder / name for name in ("queue", "keys", "jobs", "incoming", "damaged")]
+    assert {path.stat().st_mode & 0o777 for path in [*folders, store.folder / "jobs" / job]} == {0o700}
+    assert (store.folder / "jobs" / job / "request.json").stat().st_mode & 0o777 == 0o600
+
+
+def test_room_is_asked_before_an_upload(store):
+    for number in range(3):
+        submit(store, key=str(number))
+    with pytest.raises(QueueFull):
+        store.check_room("", None)
+    with pytest.raises(QueueFull):
+        store.check_room("", "new")
+    store.check_room("", "1")  # known: needs no room

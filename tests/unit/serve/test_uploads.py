@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+import socket
 import ssl
 import subprocess
 import threading
@@ -58,21 +59,24 @@ def address(tmp_path, monkeypatch):
 
 
 def test_a_signed_address_of_an_allowed_host_is_fetched(address, tmp_path):
-    digest = fetch_url(f"{address}/a.png?signature=1", ("localhost",), tmp_path / "a.png", 20_000, 5)
+    digest = fetch_url(
+        f"{address}/a.png?signature=1", (address.removeprefix("https://"),), tmp_path / "a.png", 20_000, 5
+    )
     assert (tmp_path / "a.png").read_bytes() == CONTENT
     assert digest == hashlib.sha256(CONTENT).hexdigest()
 
 
 def test_more_bytes_than_allowed_are_not_read(address, tmp_path):
     with pytest.raises(Problem, match="expected at most 5000 bytes") as error:
-        fetch_url(f"{address}/a.png", ("localhost",), tmp_path / "a.png", 5000, 5)
+        fetch_url(f"{address}/a.png", (address.removeprefix("https://"),), tmp_path / "a.png", 5000, 5)
     assert error.value.status == 413
 
 
 @pytest.mark.parametrize(("path", "words"), [("/away", "302"), ("/none.png", "404")])
-def test_what_is_not_there_or_leads_away_is_a_problem(address, tmp_path, path, words):
-    with pytest.raises(Problem, match=words):
-        fetch_url(f"{address}{path}", ("localhost",), tmp_path / "a.png", 5000, 5)
+def test_what_is_not_there_or_leads_away_is_a_problem(address, tmp_path, path, words, caplog):
+    with pytest.raises(Problem, match="image_url: cannot be read"):
+        fetch_url(f"{address}{path}", (address.removeprefix("https://"),), tmp_path / "a.png", 5000, 5)
+    assert words in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -83,6 +87,8 @@ def test_what_is_not_there_or_leads_away_is_a_problem(address, tmp_path, path, w
         "https://169.254.169.254/",
         "https://localhost.example.org/a.png",
         "https://localhost@example.org/a.png",
+        "https://localhost:22/a.png",
+        "https://localhost:99999/a.png",
         "a.png",
     ],
 )
@@ -90,3 +96,19 @@ def test_another_address_is_refused_unasked(tmp_path, wrong):
     with pytest.raises(ParameterError, match="begins with one of: https://localhost/"):
         fetch_url(wrong, ("localhost",), tmp_path / "a.png", 5000, 5)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_failures_do_not_describe_the_network(address, tmp_path):
+    """A closed port, an open one that speaks no TLS, and a missing file give the same answer."""
+    with socket.socket() as silent, socket.socket() as closed:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        closed.bind(("127.0.0.1", 0))
+        ports = [silent.getsockname()[1], closed.getsockname()[1]]
+        places = [f"https://localhost:{port}" for port in ports] + [address]
+        answers = set()
+        for place in places:
+            with pytest.raises(Problem) as caught:
+                fetch_url(f"{place}/none.png", (place.removeprefix("https://"),), tmp_path / "a.png", 5000, 1)
+            answers.add((caught.value.status, caught.value.detail))
+    assert len(answers) == 1

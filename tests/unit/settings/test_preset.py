@@ -57,7 +57,7 @@ def test_groups_and_flags_say_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        ("blads = 5\n", ConfigError, "unknown option 'blads'; a preset can set aberration-table"),
+        ("blads = 5\n", ConfigError, "unknown option 'blads'; did you mean blades"),
         ("[aperture]\nblads = 5\n", ConfigError, "unknown option 'aperture.blads'"),
         ("[aperture.blades]\nmany = 5\n", ConfigError, "aperture.blades: expected a number, a text, true"),
         ("[camera]\nblur = 5\n", ConfigError, "unknown option 'camera.blur'"),

@@ -13,8 +13,10 @@ from bokehnet.depth_repair.repair import REPAIR_MODES
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette
 from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError
-from bokehnet.io.maps import DEPTH_UNITS
-from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
+from bokehnet.io.depth.false_colors import COLOR_MAPS
+from bokehnet.io.depth.packed_depth import PACKED_CODINGS
+from bokehnet.io.depth.units import DEPTH_UNITS
+from bokehnet.io.formats.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.sliders import AberrationSliders
@@ -63,6 +65,8 @@ def kind(known):
         return "choice"
     if "tuple" in str(known.type):
         return "numbers"
+    if "Literal" in str(known.type):  # a number or one of some words
+        return "number"
     return {float: "number", int: "number", bool: "truth", str: "text", Path: "path"}[known.type]
 
 
@@ -154,7 +158,8 @@ VALID = [
         "input": {"disparity": "a b.png", "channel": "Z", "matte": "m.png"},
         "depth": {
             "invert": True, "value_range": (-1, 2.5), "as_stored": True, "resize": True, "mixed": "on",
-            "repair": "off", "pixel_filter": "gaussian:1.5",
+            "repair": "off", "pixel_filter": "gaussian:1.5", "coding": "turbo", "no_data": -1,
+            "holes": "error",
         },
         "focus": {"value": 0.3, "tilt_x": -20, "tilt_y": 4.5},
         "camera": {"blur": 60},
@@ -192,18 +197,21 @@ VALID = [
     },
     {
         "input": {"depth": "a.exr", "supersampled": 4},
-        "depth": {"unit": "1/m"},
+        "depth": {"unit": "1/256m", "kind": "ray"},
         "focus": {"distance": math.inf},
         "camera": {"focal_length": 50, "f_number": 1.8, "sensor_width": 36},
         "effects": {"brown": (-0.1, 0.02)},
         "color": {"axial": 1, "equaliser": "gains.txt"},
         "engine": {"name": "rays"},
     },
-    {"input": {"defocus": "a.exr"}},
+    {"input": {"disparity": "a.png", "projection": "equirect"}},
+    {"input": {"disparity": "a.png", "stereo": "top-bottom"}},
+    {"input": {"depth": "a.png"}, "depth": {"near": math.inf, "far": 0.1, "kind": "zbuffer"}},
+    {"input": {"defocus": "a.exr"}, "highlights": {"strength": 0.5}},
     {"input": {"layers": "a.exr"}},
     {"input": {"depth_model": "a.onnx", "depth_convention": "midas"}, "focus": {"at": (3, -4)}},
     {"input": {"constant_disparity": 0.5}, "focus": {"range": (math.inf, 0.5)}},
-    {"focus": {"plane": ((1, 2), (3, 4), (50, 6))}},
+    {"focus": {"plane": ((1, 2), (3, 4), (50, 6))}, "camera": {"strength": 80}},
 ]  # fmt: skip
 
 
@@ -250,7 +258,7 @@ def test_a_file_that_cannot_be_written_is_told_and_nothing_is_left(tmp_path):
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        ("blads = 5\n", ConfigError, "unknown option 'blads'; expected one of .*cats-eye"),
+        ("blads = 5\n", ConfigError, "unknown option 'blads'; did you mean blades"),
         ("[aperture]\nblads = 5\n", ConfigError, "unknown option 'aperture.blads'"),
         ("[apertures]\nblades = 5\n", ConfigError, "unknown option 'apertures'"),
         ("[aperture.blades]\nmany = 5\n", ConfigError, "aperture.blades: expected a number"),
@@ -387,6 +395,8 @@ def test_numbers_of_other_kinds_become_pythons_own():
         ({"color": {"equaliser": (1, 2)}}, "color.equaliser"),
         ({"color": {"equaliser": "gains.txt"}, "lens": {"coma": 2}}, "color.equaliser"),
         ({"highlights": {"gain": 8}}, "highlights.gain"),
+        ({"highlights": {"gain": 8, "threshold": "off"}}, "highlights.gain"),
+        ({"highlights": {"strength": 2, "threshold": 0.9}}, "highlights.strength"),
         ({"effects": {"vignette_radius": 0.3}}, "effects.vignette_radius"),
         ({"effects": {"vignette_softness": 0.3}}, "effects.vignette_softness"),
         ({"effects": {"vignette_roundness": 0.3}}, "effects.vignette_roundness"),
@@ -503,7 +513,10 @@ def test_ranges_agree_with_those_of_the_rooms_below(path):
 def test_choices_are_those_of_the_rooms_below():
     choices = {path: set(known.choices) for path, known in all_settings().items() if known.choices}
     assert choices == {
-        "depth.unit": set(DEPTH_UNITS),
+        "depth.kind": {"planar", "ray", "zbuffer"},
+        "depth.holes": {"fill", "error"},
+        "input.projection": {"flat", "equirect"},
+        "input.stereo": {"side-by-side", "top-bottom"},
         "light.ghosts": set(COATINGS),
         "depth.mixed": set(REPAIR_MODES),
         "depth.repair": set(REPAIR_MODES),
@@ -518,6 +531,40 @@ def test_choices_are_those_of_the_rooms_below():
         "output.dither": {"on", "off"},
         "output.expected_error": {"on", "off"},
     }
+
+
+def test_codings_and_units_are_those_of_the_rooms_below():
+    for coding in ("auto", "grey", *COLOR_MAPS, *PACKED_CODINGS):
+        assert all_settings()["depth.coding"].checked(coding) == coding
+    for unit in DEPTH_UNITS:
+        assert all_settings()["depth.unit"].checked(unit) == unit
+    for path, wrong in (("depth.coding", "cividis"), ("depth.unit", "km"), ("depth.unit", "0mm")):
+        with pytest.raises(ParameterError, match=path):
+            all_settings()[path].checked(wrong)
+
+
+@pytest.mark.parametrize(
+    ("depth", "name"),
+    [
+        ({"near": 1.0}, "depth.far"),
+        ({"far": 1.0}, "depth.near"),
+        ({"kind": "zbuffer"}, "depth.kind"),
+        ({"near": 1.0, "far": 2.0, "unit": "mm"}, "depth.unit"),
+        ({"near": 1.0, "far": 2.0, "kind": "ray"}, "depth.kind"),
+        ({"near": 1.0, "far": 1.0}, "depth.far"),
+        ({"near": 1.0, "far": math.inf}, "depth.far"),
+    ],
+)
+def test_planes_of_stored_depth_must_be_consistent(depth, name):
+    with pytest.raises(ParameterError, match=f"^{name}: expected"):
+        RenderSettings().updated({"input": {"depth": "z.png"}, "depth": depth})
+
+
+@pytest.mark.parametrize("name", ["coding", "no_data", "holes"])
+def test_options_of_stored_maps_need_a_map(name):
+    value = {"coding": "turbo", "no_data": 0, "holes": "fill"}[name]
+    with pytest.raises(ParameterError, match=f"depth.{name}: expected `input.disparity` or `input.depth`"):
+        RenderSettings().updated({"input": {"constant_disparity": 0}, "depth": {name: value}})
 
 
 def test_every_field_has_help_and_a_flag_of_its_own():

@@ -38,6 +38,13 @@ def session() -> Iterator[Session]:
     made.close()
 
 
+@pytest.fixture(autouse=True)
+def _without_preset(request) -> None:
+    """Deselect the preset of the test before, which a new picture keeps."""
+    if "session" in request.fixturenames:
+        request.getfixturevalue("session").preset = ""
+
+
 @pytest.fixture
 def opened(session, files) -> Session:
     told = {

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import BokehnetError, ConfigError, ImageFileError
-from bokehnet.studio import uploads
-from bokehnet.studio.archive import read_session
+from bokehnet.studio.files import uploads
+from bokehnet.studio.files.archive import read_session
+from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import CONTENT_POLICY
-from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 from .conftest import HOST, PORT, TOKEN
 
@@ -92,7 +92,7 @@ def test_every_answer_forbids_inline_scripts_and_frames(client):
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["referrer-policy"] == "no-referrer"
     assert "unsafe" not in CONTENT_POLICY
-    page = (Path(uploads.__file__).parent / "page" / "index.html").read_text("utf-8")
+    page = (Path(uploads.__file__).parents[1] / "page" / "index.html").read_text("utf-8")
     assert page.count("<script") == 1
     assert 'src="main.js"' in page
     for bad in (" onclick", " onload", " style=", "http://", "https://", "<style"):
@@ -312,3 +312,41 @@ def test_a_task_that_takes_too_long_is_ended():
             process.run(np.ones, 3, seconds=0.0)
     finally:
         process.stop()
+
+
+def test_the_redirect_page_may_open_the_page_and_nothing_else(client):
+    """A browser names another site where a file leads to the studio (Fetch Metadata, W3C)."""
+    headers = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    del client.headers["origin"]
+    try:
+        assert client.get("", headers=headers).status_code == 200
+        assert client.get("api/state", headers=headers).status_code == 403
+        assert client.get("", headers=headers | {"sec-fetch-dest": "iframe"}).status_code == 403
+        assert client.get("", headers={"sec-fetch-site": "cross-site"}).status_code == 403
+    finally:
+        client.headers["origin"] = f"http://{HOST}"
+
+
+def test_the_token_is_in_a_private_page_not_in_the_command_line(tmp_path, session, monkeypatch):
+    pytest.importorskip("uvicorn", reason="needs the extra studio")
+    from bokehnet.studio import server
+
+    opened, said = [], []
+    monkeypatch.setattr(server.webbrowser, "open", opened.append)
+    monkeypatch.setattr(server.threading, "Timer", lambda seconds, call, words: Immediate(call, words))
+    monkeypatch.setattr(server.uvicorn.Server, "run", lambda *_, **__: None)
+    monkeypatch.setattr(session, "close", lambda: None)
+    server.serve(session, tell=said.append)
+    token = said[0].rstrip("/").rpartition("/")[2]
+    assert token not in opened[0]
+    page = Path(opened[0].removeprefix("file://"))
+    assert token in page.read_text()
+    assert page.stat().st_mode & 0o777 == 0o600
+    assert page.parent.stat().st_mode & 0o777 == 0o700
+
+
+class Immediate:
+    """A timer that runs at once."""
+
+    def __init__(self, call, words):
+        self.start = lambda: call(*words)

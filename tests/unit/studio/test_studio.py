@@ -4,20 +4,24 @@ import dataclasses
 import shlex
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bokehnet.cli.app import run
 from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.inference import model_download
 from bokehnet.io.color.color_space import SRGB
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.io.image import read_image
+from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
+from bokehnet.studio import session as studio_session
 from bokehnet.studio.display import to_rgba
+from bokehnet.studio.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.opened import Region
 from bokehnet.studio.panels import is_path, panels
 from bokehnet.studio.strokes import Stroke, painted
@@ -178,10 +182,16 @@ def test_every_setting_is_in_a_panel_unless_it_is_a_path():
     for path, known in all_settings().items():
         if path in fields:
             told = fields[path]
-            assert (told["help"], told["unit"]) == (known.help, known.unit)
+            assert (told["help"], told["unit"]) == (HELP_TEXTS.get(path, known.help), known.unit)
+            assert "--" not in told["help"], path  # the page has no command line
+            assert "`" not in told["help"], path
         else:
             hidden = is_path(known) or known.flag is None or known.group == "input"
             assert hidden or path in ("color.glass", "color.axial_map", "color.lateral_map"), path
+
+
+def test_texts_of_the_page_belong_to_settings():
+    assert (HELP_TEXTS | LABELS).keys() <= all_settings().keys()
 
 
 LOOKS = {
@@ -289,6 +299,160 @@ def test_a_photo_without_depth_opens_flat_and_can_be_painted(client, session, fi
     values = session.opened.painted_map(session.settings)
     assert values[32, 48] == pytest.approx(0.6)
     assert values[2, 2] == 0.5
+
+
+def test_the_focus_starts_on_the_subject(client, session, files):
+    """Authority: the map, whose only near surface is the square, disparity 1 once stretched."""
+    client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+    client.post("api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes())
+    assert session.settings.focus.value == 1
+
+
+def test_the_focus_covers_the_range_of_a_deep_subject(session, files, tmp_path):
+    """Authority: the map: after stretching 0.2 to 0.8 to 0..1 the square runs from 0.88 to 1."""
+    disparity = np.full((64, 96), 0.2, np.float32)
+    disparity[20:50, 30:60] = np.linspace(0.73, 0.8, 30)
+    write_map(tmp_path / "deep.png", disparity)
+    session.open(
+        files / "photo.png", RenderSettings().updated({"input": {"disparity": str(tmp_path / "deep.png")}})
+    )
+    assert session.settings.focus.range == pytest.approx((0.88, 1), abs=0.03)
+
+
+def test_undo_restores_settings_presets_and_strokes_in_order(client, opened):
+    first = opened.settings
+    client.post("api/change", json={"changes": {"aperture": {"blades": 6}}})
+    client.post("api/stroke", json={"stroke": {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1}})
+    state = client.post("api/wear", json={"preset": "petzval-swirl"}).json()
+    assert (state["preset"], state["done"]) == ("petzval-swirl", 3)
+    state = client.post("api/undo").json()
+    assert (state["preset"], state["strokes"], state["settings"]["aperture"]) == ("", 1, {"blades": 6})
+    assert client.post("api/undo").json()["strokes"] == 0
+    assert client.post("api/undo").json()["done"] == 0
+    assert opened.settings == first
+    for _ in range(3):
+        state = client.post("api/redo").json()
+    assert (state["preset"], state["strokes"], state["undone"]) == ("petzval-swirl", 1, 0)
+
+
+def test_a_session_keeps_the_preset(client, opened):
+    client.post("api/wear", json={"preset": "soft-focus"})
+    saved = client.get("api/session").content
+    client.post("api/wear", json={"preset": ""})
+    assert client.post("api/reopen", content=saved).json()["preset"] == "soft-focus"
+
+
+def test_a_drag_of_one_control_is_one_step(client, opened):
+    for blur in (13, 14, 15):
+        client.post("api/change", json={"changes": {"camera": {"blur": blur}}})
+    assert client.post("api/change", json={"changes": {"camera": {"blur": 15}}}).json()["done"] == 1
+    client.post("api/undo")
+    assert opened.settings.camera.blur == 12
+
+
+def test_a_new_picture_keeps_the_preset_and_drops_the_export(client, opened, exported, files):
+    client.post("api/change", json={"changes": {"engine": {"name": "scatter"}}})
+    exported("out.png")
+    client.post("api/wear", json={"preset": "soft-focus"})
+    state = client.post("api/open?name=other.png", content=(files / "photo.png").read_bytes()).json()
+    assert state["preset"] == "soft-focus"
+    assert state["settings"]["lens"] == client.get("api/state").json()["settings"]["lens"] != {}
+    assert state["jobs"]["export"]["state"] == "idle"
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("a.JPG", "a_bokeh.jpg"), ("a.png", "a_bokeh.png"), ("a.heic", "a_bokeh.jpg")]
+)
+def test_an_export_has_the_format_of_the_picture(opened, name, expected):
+    session_name = f"{name[0]}_bokeh{type(opened.opened)(Path(name), opened.opened.scene).export_suffix}"
+    assert session_name == expected
+
+
+def test_a_thumbnail_is_rendered_once_per_picture_and_settings(client, opened, monkeypatch):
+    first = client.post("api/thumbnail", json={"preset": "soft-focus"}).content
+    with monkeypatch.context() as patch:
+        patch.setattr(type(opened.fine), "run", lambda *_, **__: pytest.fail("rendered again"))
+        assert client.post("api/thumbnail", json={"preset": "soft-focus"}).content == first
+    client.post("api/change", json={"changes": {"camera": {"blur": 30}}})
+    assert client.post("api/thumbnail", json={"preset": "soft-focus"}).content != first
+
+
+def test_an_f_number_of_a_relative_map_is_the_inverse_of_its_blur(client, opened, frames):
+    """Authority: the formula of a thin lens, whose circle of confusion is inverse to the f-number."""
+
+    def equivalents(camera):
+        content = client.post("api/preview", json=ASKED | {"changes": {"camera": camera}}).content
+        return frames(content)[0][0]["equivalents"]
+
+    by_blur = equivalents({"blur": 12})
+    by_stop = equivalents({"blur": None, "f_number": by_blur["f_number"]})
+    assert by_stop["blur"] == pytest.approx(12)
+    assert equivalents({"f_number": by_blur["f_number"] / 2})["blur"] == pytest.approx(24)
+
+
+def test_the_preview_shows_estimated_light_as_the_export(tmp_path, session, client, frames):
+    """Authority: the renderer with the file, which recovers the light of a lamp of 5x5 pixels at night."""
+    street = np.full((64, 96, 3), 0.004, np.float32)
+    street[30:35, 60:65] = 1
+    disparity = np.full((64, 96), 0.2, np.float32)
+    disparity[20:50, 10:30] = 0.8
+    write_image(tmp_path / "street.png", street)
+    write_map(tmp_path / "near.png", disparity)
+    values = {
+        "input": {"disparity": str(tmp_path / "near.png")},
+        "camera": {"blur": 8},
+        "focus": {"value": 1},
+        "depth": {"repair": "off"},
+        "engine": {"name": "scatter"},
+    }
+    session.open(tmp_path / "street.png", RenderSettings().updated(values))
+    end = time.monotonic() + 60
+    while client.get("api/jobs").json()["light"]["state"] == "running":
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    _, pixels = frames(client.post("api/preview", json=ASKED).content)[-1]
+    expected = BokehRenderer().render(read_scene(tmp_path / "street.png", session.settings), session.settings)
+    assert expected.report.light
+    assert np.abs(pixels[..., :3] - shown(expected.bokeh)).max() <= 1
+    ((_, over),) = frames(client.get("api/overlay?kind=light&width=96&height=64").content)
+    assert over[32, 62, 0] == 255
+    assert over[5, 5, 0] == 0
+    ((_, before),) = frames(client.get("api/plain?width=96&height=64").content)
+    assert np.abs(before[..., :3] - shown(street)).max() <= 1
+
+
+def test_depth_is_estimated_only_after_consent(client, session, files, monkeypatch):
+    client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+    monkeypatch.setattr(studio_session, "cached_file", lambda model: None)
+    monkeypatch.delenv("BOKEHNET_DOWNLOADS", raising=False)
+    monkeypatch.setattr(model_download, "cached_file", lambda model: None)
+    monkeypatch.setattr(model_download, "download", lambda *_: pytest.fail("downloaded without consent"))
+    offer = client.get("api/offer").json()
+    assert offer["available"]
+    assert offer["licence"] in offer["text"]
+    client.post("api/estimate", json={})
+    end = time.monotonic() + 60
+    while (job := client.get("api/jobs").json()["estimate"])["state"] == "running":
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    assert "declined" in job["error"]
+
+
+def test_an_estimate_leaves_a_picture_alone_that_was_opened_meanwhile(client, session, files, monkeypatch):
+    picture = (files / "photo.png").read_bytes()
+    client.post("api/open?name=photo.png", content=picture)
+    monkeypatch.setattr(
+        studio_session,
+        "fetch_model",
+        lambda *_: client.post("api/open?name=second.png", content=picture),
+    )
+    client.post("api/estimate", json={"agreed": True})
+    end = time.monotonic() + 60
+    while (job := client.get("api/jobs").json()["estimate"])["state"] == "running":
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    assert job["state"] == "idle"
+    assert client.get("api/state").json()["name"] == "second.png"
 
 
 def test_a_map_is_dropped_on_an_open_picture(client, session, files):

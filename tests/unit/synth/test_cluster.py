@@ -10,20 +10,6 @@ from bokehnet.synth import ShardSet, SynthConfig, write_dataset
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'bokehnet[cluster]'")
 
 
-@pytest.fixture
-def cluster(monkeypatch):
-    """A head without cores, so that all work is done by the workers that tests add."""
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    made = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False}, connect=False
-    )
-    yield made
-    ray.shutdown()
-    made.shutdown()
-
-
 @pytest.mark.slow
 def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_path):
     """Authority: the bytes that a single process writes for the same seed."""

@@ -6,8 +6,8 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter, grey_dilation, map_coordinates, maximum_filter, minimum_filter
 
-from train import augmentation
-from train.augmentation import augment_disparity
+from train.data import augmentation
+from train.data.augmentation import augment_disparity
 
 
 def blocks(seed: int) -> np.ndarray:

@@ -14,12 +14,12 @@ from bokehnet.models.checkpoint import load_checkpoint, load_network, load_weigh
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.synth.shards import ShardSet, decode_sample, encode_sample
 from tests.unit.train.test_loop import config_of, start
-from train.data import DataConfig, PreparedCrops
-from train.examples import Examples
+from train.data.crops import DataConfig, PreparedCrops
+from train.data.examples import Examples
+from train.data.prepared import PreparedSet, part_name
+from train.data.repair_data import RepairDataConfig, repair_source
 from train.prepare import PrepareConfig, prepare
-from train.prepared import PreparedSet, part_name
-from train.repair_data import RepairDataConfig, repair_source
-from train.run_folder import RunFolder
+from train.run.run_folder import RunFolder
 
 SMALL = ARNetConfig(width=8, num_blocks=1)
 

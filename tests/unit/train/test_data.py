@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
-from train.data import DataConfig, PreparedCrops
-from train.examples import Examples, example_loader
+from train.data.crops import DataConfig, PreparedCrops
+from train.data.examples import Examples, example_loader
+from train.data.prepared import DESCRIPTION, PLANES, PreparedSet, part_name
 from train.prepare import PrepareConfig, prepare
-from train.prepared import DESCRIPTION, PLANES, PreparedSet, part_name
 from train.schedule import OptimConfig
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
-from train.degradation import DEGRADATIONS, DEGRADED, degrade
+from train.data.degradation import DEGRADATIONS, DEGRADED, degrade
 
 STEP = np.where(np.arange(64) < 30, 0.25, 0.75)[None].repeat(40, 0).astype(np.float32)
 

@@ -13,7 +13,7 @@ from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.runs import arguments, finish, start
 from tests.unit.train.test_resume import wait_for
 from tests.unit.train.toy_run import Pairs
-from train.distributed import Processes, joined
+from train.run.distributed import Processes, joined
 
 CPU = torch.device("cpu")
 TORCHRUN = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]

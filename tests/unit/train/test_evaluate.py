@@ -6,12 +6,12 @@ import pytest
 
 from bokehnet.errors import ParameterError
 from bokehnet.render.renderer import BokehRenderer
-from train import methods
-from train.degradation import degrade
+from train.data.degradation import degrade
 from train.evaluate import evaluate, main
-from train.evaluation_sets import list_pictures
-from train.methods import parse_method
-from train.metrics import compare, edge_pixels, encode, psnr
+from train.scores import methods
+from train.scores.evaluation_sets import list_pictures
+from train.scores.methods import parse_method
+from train.scores.metrics import compare, edge_pixels, encode, psnr
 
 
 def test_methods_are_read_as_they_are_written():

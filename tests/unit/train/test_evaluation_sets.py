@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.errors import DataFileError, ParameterError
 from bokehnet.io.image import write_image, write_map
-from train.evaluation_sets import list_pictures
+from train.scores.evaluation_sets import list_pictures
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import torch
 from torch import nn
 
 from bokehnet.errors import ParameterError
-from train.distributed import Processes
-from train.learner import FiniteGuard, Learner, has_bfloat16
+from train.run.distributed import Processes
+from train.run.learner import FiniteGuard, Learner, has_bfloat16
 from train.schedule import OptimConfig
 
 CPU = torch.device("cpu")

@@ -1,6 +1,6 @@
 """What a run tells while it goes."""
 
-from train.logbook import over_held_out
+from train.run.logbook import over_held_out
 
 
 def test_validation_tells_how_far_it_is(capsys):

@@ -10,8 +10,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.toy_run import ToyData, ToyModel, ToyRun, run
-from train.loop import OptimConfig, Stopped
-from train.run_folder import RunFolder
+from train.run.loop import OptimConfig, Stopped
+from train.run.run_folder import RunFolder
 
 CPU = torch.device("cpu")
 

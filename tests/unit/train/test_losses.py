@@ -3,7 +3,7 @@ import torch
 
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.optics.encoding import decode
-from train.losses import LossWeights, arnet_loss, iunet_loss, measured_error
+from train.scores.losses import LossWeights, arnet_loss, iunet_loss, measured_error
 from train.train_arnet import ARNetRun
 
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from train.metrics import compare, edge_pixels, similarity
+from train.scores.metrics import compare, edge_pixels, similarity
 
 
 def test_psnr_of_a_known_error():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from train.repair_data import RepairDataConfig, repair_pair
+from train.data.repair_data import RepairDataConfig, repair_pair
 
 
 @pytest.mark.parametrize(("part", "span"), [(128, 1.0), (512, 0.25)])

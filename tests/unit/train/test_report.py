@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from train.report import Row, as_json, differences, excess, format_table, mean_rows
+from train.scores.report import Row, as_json, differences, excess, format_table, mean_rows
 
 
 def _rows():

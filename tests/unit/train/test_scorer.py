@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from bokehnet.io.color.srgb import srgb_to_linear
-from train.metrics import BANDS, Scorer, band_label, compare, depth_step_pixels
+from train.scores.metrics import BANDS, Scorer, band_label, compare, depth_step_pixels
 
 # A near left and a far right half; radii of 15 and 5 px.
 DEFOCUS = np.where(np.arange(200) < 100, 15.0, -5.0)[None].repeat(180, 0)
@@ -150,7 +150,7 @@ def test_depth_steps_are_those_of_a_plain_loop():
 def test_scores_agree_with_those_of_the_path_traced_set(shared):
     """Authority: the script that came with the path-traced scenes, on a scatter of one shot."""
     from bokehnet.classical.scatter_renderer import scatter
-    from train.evaluation_sets import list_pictures
+    from train.scores.evaluation_sets import list_pictures
 
     script = shared("cycles/score.py")
     spec = importlib.util.spec_from_file_location("path_traced_score", script)

@@ -13,10 +13,10 @@ from bokehnet.models.checkpoint import load_network
 from bokehnet.models.error import FEATURES, ErrorNet, ErrorNetConfig
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.shards import ShardSet
-from train.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
-from train.examples import Examples
+from train.data.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
+from train.data.examples import Examples
+from train.data.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 from train.prepare import PrepareConfig, prepare
-from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 from train.schedule import OptimConfig
 from train.train_error import ErrorRun, _held_out, error_loss, reliability, run, score, true_error
 

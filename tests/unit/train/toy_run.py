@@ -1,4 +1,4 @@
-"""A run of ``train.loop.train`` that takes no time: a tiny network, a mean squared error, nothing to load.
+"""A run of ``train.run.loop.train`` that takes no time: tiny network, mean squared error, nothing to load.
 
 ``python -m tests.unit.train.toy_run --config FILE --out FOLDER``, or the same behind ``torchrun``.
 """
@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
-from train.command import run_command
-from train.loop import OptimConfig, train
+from train.run.command import run_command
+from train.run.loop import OptimConfig, train
 
 
 @dataclass(frozen=True, kw_only=True)

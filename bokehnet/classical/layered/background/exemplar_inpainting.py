@@ -96,7 +96,7 @@ _CANDIDATE_OFFSETS = (
 
 
 @njit(cache=True)
-def _patch_distance(roots, defocus, size, v, u, patch, known):  # type: ignore[no-untyped-def]
+def _patch_distance(roots, defocus, size, v, u, patch, known):
     """Return the mean squared difference of a patch and the surface at (v, u); inf if too little is known."""
     height, width = size
     own, threshold = broadcast8(defocus[v * width + u]), broadcast8(_THRESHOLD)
@@ -115,7 +115,7 @@ def _patch_distance(roots, defocus, size, v, u, patch, known):  # type: ignore[n
 
 
 @njit(cache=True)
-def _is_candidate(defocus, lights, depth, y, x, v, u):  # type: ignore[no-untyped-def]
+def _is_candidate(defocus, lights, depth, y, x, v, u):
     """Return whether (v, u) shows the surface occluded at (y, x), no light, and has a complete patch."""
     height, width = defocus.shape
     if (
@@ -130,7 +130,7 @@ def _is_candidate(defocus, lights, depth, y, x, v, u):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _fill_patch(defocus, depths, rings, lights, roots, filled, y, x, patch):  # type: ignore[no-untyped-def]
+def _fill_patch(defocus, depths, rings, lights, roots, filled, y, x, patch):
     """Set weights and square roots of known pixels around an occluded one; return the sum of weights."""
     height, width = defocus.shape
     known = 0.0
@@ -160,7 +160,7 @@ def _fill_patch(defocus, depths, rings, lights, roots, filled, y, x, patch):  # 
 
 
 @njit(cache=True)
-def _contains(places, count, v, u):  # type: ignore[no-untyped-def]
+def _contains(places, count, v, u):
     """Return whether a position is among the first ``count`` ones."""
     contained = False
     for i in range(count):
@@ -169,7 +169,7 @@ def _contains(places, count, v, u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _set_mean(image, places, costs, count, lowest, y, x, filled):  # type: ignore[no-untyped-def]
+def _set_mean(image, places, costs, count, lowest, y, x, filled):
     """Set an occluded pixel to the mean of the candidates, weighted by similarity."""
     total = red = green = blue = 0.0
     scale = 1.0 / (_SIMILARITY_SCALE + _SIMILARITY_SLACK * lowest)
@@ -186,9 +186,7 @@ def _set_mean(image, places, costs, count, lowest, y, x, filled):  # type: ignor
 
 
 @njit(cache=True, parallel=True)
-def _fill(  # type: ignore[no-untyped-def]
-    image, roots, defocus, depths, distances, lights, ys, xs, ends, rings, colors, sources, filled
-):
+def _fill(image, roots, defocus, depths, distances, lights, ys, xs, ends, rings, colors, sources, filled):
     """Set occluded pixels of ``filled``, ring by ring; ``sources``: the best match of each, -1 if none."""
     height, width = defocus.shape
     max_candidates = _PROPAGATED + _RANDOM_CANDIDATES + len(_REFINEMENT_RADII_PX)
@@ -253,7 +251,7 @@ def _fill(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _roots(image, roots):  # type: ignore[no-untyped-def]
+def _roots(image, roots):
     """Fill ``roots`` with the square roots of light, (3, H, W)."""
     for y in prange(image.shape[0]):
         for x in range(image.shape[1]):

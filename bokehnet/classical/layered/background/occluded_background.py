@@ -41,7 +41,7 @@ _MAX_LINE_BRIGHTNESS = 2.5
 
 
 @njit(cache=True)
-def _count_steps(defocus, steps, y, x, v, u, length):  # type: ignore[no-untyped-def]
+def _count_steps(defocus, steps, y, x, v, u, length):
     """Return the steps from (y, x) via its neighbour (v, u) to the surface that continues, 0 if none.
 
     A ray that passes an edge at defocus f falls at most f - b pixels behind it before it meets b.
@@ -59,7 +59,7 @@ def _count_steps(defocus, steps, y, x, v, u, length):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _search_tile(defocus, steps, row, column, down, right):  # type: ignore[no-untyped-def]
+def _search_tile(defocus, steps, row, column, down, right):
     """Count the steps of one direction in a tile; return whether any search succeeds."""
     height, width = defocus.shape
     length = math.sqrt(down * down + right * right)
@@ -78,7 +78,7 @@ def _search_tile(defocus, steps, row, column, down, right):  # type: ignore[no-u
 
 
 @njit(cache=True, parallel=True)
-def _search_directions(defocus, stepped, steps, reached):  # type: ignore[no-untyped-def]
+def _search_directions(defocus, stepped, steps, reached):
     """Count, per direction, the steps to the surface that continues behind a pixel, (directions, H, W).
 
     Marks the tiles that a direction reaches, (directions, rows, columns); only these and adjacent ones are
@@ -102,7 +102,7 @@ def _search_directions(defocus, stepped, steps, reached):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _select_surface(depths, distances):  # type: ignore[no-untyped-def]
+def _select_surface(depths, distances):
     """Return the index of the direction with the most and nearest support for its surface; -1 if none."""
     best_weight, best_index = 0.0, -1
     for i in range(len(depths)):
@@ -119,7 +119,7 @@ def _select_surface(depths, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, lights, steps, reached, colors, depths, nearest):  # type: ignore[no-untyped-def]
+def _fill(image, defocus, lights, steps, reached, colors, depths, nearest):
     """Set the mean over all directions to one surface, the nearer the more; and the shortest distance."""
     height, width = defocus.shape
     directions = len(_DIRECTIONS)
@@ -179,7 +179,7 @@ def _fill(image, defocus, lights, steps, reached, colors, depths, nearest):  # t
 
 
 @njit(cache=True, parallel=True)
-def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
+def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths):
     """Average the occluded background, (N), over its surface around, to remove streaks of directions."""
     height, width = depths.shape
     for i in prange(len(ys)):
@@ -200,7 +200,7 @@ def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_dep
 
 
 @njit(cache=True, parallel=True)
-def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):  # type: ignore[no-untyped-def]
+def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):
     """Set the occluded background, (N), nowhere in front of its occluder."""
     for i in prange(len(ys)):
         y, x = ys[i], xs[i]
@@ -210,7 +210,7 @@ def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):  # ty
 
 
 @njit(cache=True, parallel=True)
-def _blend_inpainted(ys, xs, distances, lines, textures, colors):  # type: ignore[no-untyped-def]
+def _blend_inpainted(ys, xs, distances, lines, textures, colors):
     """Blend the occluded background, (N), from the mean of two estimates at the edge to ``colors`` inside."""
     for i in prange(len(ys)):
         y, x = ys[i], xs[i]
@@ -223,7 +223,7 @@ def _blend_inpainted(ys, xs, distances, lines, textures, colors):  # type: ignor
 
 
 @njit(cache=True)
-def _scale_down(color, limit):  # type: ignore[no-untyped-def]
+def _scale_down(color, limit):
     """Scale a color, (3,) in place, down to ``limit`` if it is brighter."""
     limit, brightest = max(limit, 0.0), max(color[0], color[1], color[2])
     if brightest > limit:
@@ -232,14 +232,14 @@ def _scale_down(color, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _limit_brightness(ys, xs, limit, colors):  # type: ignore[no-untyped-def]
+def _limit_brightness(ys, xs, limit, colors):
     """Scale the occluded background, (N), down to ``limit``, (H, W), where it is brighter."""
     for i in prange(len(ys)):
         _scale_down(colors[ys[i], xs[i]], limit[ys[i], xs[i]])
 
 
 @njit(cache=True, parallel=True)
-def _limit_lines(ys, xs, means, lines):  # type: ignore[no-untyped-def]
+def _limit_lines(ys, xs, means, lines):
     """Scale lines, at (N) positions, down to a multiple of ``means``, (H, W, 3)."""
     for i in prange(len(ys)):
         mean = means[ys[i], xs[i]]

@@ -52,7 +52,7 @@ _CHUNK_PIXELS = 256
 
 
 @njit(cache=True, parallel=True)
-def _brightness(image, result):  # type: ignore[no-untyped-def]
+def _brightness(image, result):
     """Fill ``result`` with the mean of the square roots of light."""
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
@@ -61,7 +61,7 @@ def _brightness(image, result):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _structure(brightness, defocus, lights, active_tiles, tensors):  # type: ignore[no-untyped-def]
+def _structure(brightness, defocus, lights, active_tiles, tensors):
     """Fill outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 next to lights and other surfaces.
 
     Only ``active_tiles`` are set.
@@ -88,7 +88,7 @@ def _structure(brightness, defocus, lights, active_tiles, tensors):  # type: ign
 
 
 @njit(cache=True)
-def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
+def _tiles_around(ys, xs, tiles):
     """Mark the tiles of pixels, and adjacent tiles."""
     for i in range(len(ys)):
         row, column = ys[i] // STEP_TILE, xs[i] // STEP_TILE
@@ -98,7 +98,7 @@ def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _source_kind(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped-def]
+def _source_kind(seen, behind, ring, rings, apart, depth):
     """Return whether a pixel shows a surface (1), occludes it but is already filled (2), or neither (0)."""
     if are_one_surface(seen, depth, apart):
         return 1
@@ -106,7 +106,7 @@ def _source_kind(seen, behind, ring, rings, apart, depth):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def _find_sources(defocus, depths, rings, y, x, kinds):  # type: ignore[no-untyped-def]
+def _find_sources(defocus, depths, rings, y, x, kinds):
     """Set the kind of source of each neighbour of an occluded pixel, by :func:`_source_kind`."""
     height, width = defocus.shape
     for i in range(len(_NEIGHBOURS)):
@@ -120,7 +120,7 @@ def _find_sources(defocus, depths, rings, y, x, kinds):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
+def _direction(kinds, tensors, carried, y, x):
     """Return the mean structure tensor around an occluded pixel."""
     xx = xy = yy = total = 0.0
     for i in range(len(_NEIGHBOURS)):
@@ -139,7 +139,7 @@ def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
+def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):
     """Set an occluded pixel to the mean of its sources, weighted along the line."""
     spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # difference of the eigenvalues
     coherence = spread / (xx + yy + 1e-12)
@@ -169,7 +169,7 @@ def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # typ
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, colors, carried):  # type: ignore[no-untyped-def]
+def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, colors, carried):
     """Set occluded pixels, ring by ring, to the mean along their line, or to ``means`` without a source."""
     for ring in range(1, len(ends)):
         first, last = ends[ring - 1], ends[ring]

@@ -20,7 +20,7 @@ __all__ = ["split_lights"]
 
 
 @njit(cache=True)
-def _carrier(image, defocus, lights, y, x):  # type: ignore[no-untyped-def]
+def _carrier(image, defocus, lights, y, x):
     """Return row and column of the brightest light next to (y, x) on another surface; else -1."""
     height, width = defocus.shape
     largest = max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
@@ -35,7 +35,7 @@ def _carrier(image, defocus, lights, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _split_lights(image, defocus, lights, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
+def _split_lights(image, defocus, lights, sides, places, colors, surfaces):
     """Fill colors (N, 2, 3) of lamp and rest, and (N, 3): the lamp's defocus, coverage and existence."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]

@@ -38,7 +38,7 @@ _MIN_GRADIENT = 0.2
 
 
 @njit(cache=True)
-def _coverage_of(defocus, coverage, y, x, own, tolerance, unknown):  # type: ignore[no-untyped-def]
+def _coverage_of(defocus, coverage, y, x, own, tolerance, unknown):
     """Return the coverage by surfaces within ``tolerance`` of ``own``; nearer surfaces count ``unknown``."""
     total, clear = 0.0, 1.0
     for layer in range(defocus.shape[2]):
@@ -52,7 +52,7 @@ def _coverage_of(defocus, coverage, y, x, own, tolerance, unknown):  # type: ign
 
 
 @njit(cache=True, parallel=True)
-def _with_slopes(defocus, coverage, result):  # type: ignore[no-untyped-def]
+def _with_slopes(defocus, coverage, result):
     height, width, layers = defocus.shape
     middle = STEPS // 2
     for y in prange(height):
@@ -105,7 +105,7 @@ def with_slopes(defocus: np.ndarray, coverage: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, forceinline=True)
-def coverage_at(coverage, x, y):  # type: ignore[no-untyped-def]
+def coverage_at(coverage, x, y):
     """Return the coverage of eight surfaces at positions inside their pixels.
 
     Args:

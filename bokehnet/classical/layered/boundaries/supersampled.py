@@ -21,7 +21,7 @@ __all__ = ["reduce_supersampled"]
 
 
 @njit(cache=True)
-def _insert(depths, weights, colors, count, depth, weight, color):  # type: ignore[no-untyped-def]
+def _insert(depths, weights, colors, count, depth, weight, color):
     """Insert a sample into the ``count`` samples that are sorted front to back."""
     place = count
     while place > 0 and depths[place - 1] < depth:
@@ -35,7 +35,7 @@ def _insert(depths, weights, colors, count, depth, weight, color):  # type: igno
 
 
 @njit(cache=True)
-def _widest_gap(depths, count, widest):  # type: ignore[no-untyped-def]
+def _widest_gap(depths, count, widest):
     """Return the number of samples in front of the widest gap, 0 if none is wider than ``widest``."""
     before = 0
     for i in range(1, count):
@@ -45,7 +45,7 @@ def _widest_gap(depths, count, widest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _mean(depths, weights, colors, first, last, color):  # type: ignore[no-untyped-def]
+def _mean(depths, weights, colors, first, last, color):
     """Write the mean color of samples; return their mean depth and their total weight."""
     depth = total = 0.0
     color[:] = 0.0
@@ -59,7 +59,7 @@ def _mean(depths, weights, colors, first, last, color):  # type: ignore[no-untyp
 
 
 @njit(cache=True, parallel=True)
-def _reduce(  # type: ignore[no-untyped-def]
+def _reduce(
     image, defocus, index, unmixed, surfaces, factor, min_gap, reduced, values, colors, pixel_surfaces
 ):
     """Fill picture, defocus, colors (H, W, 2, 3) and near, far, coverage (H, W, 3); -1 for one surface."""

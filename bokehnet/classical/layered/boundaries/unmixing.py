@@ -182,7 +182,7 @@ class MixedPixels(NamedTuple):
 
 
 @njit(cache=True)
-def _surfaces(defocus, weights, y, x, min_step):  # type: ignore[no-untyped-def]
+def _surfaces(defocus, weights, y, x, min_step):
     """Return near and far defocus of a pixel, the coverage by the nearer, and whether that is its own.
 
     Surfaces differ by more than ``min_step``.
@@ -210,7 +210,7 @@ def _surfaces(defocus, weights, y, x, min_step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def mean_color(image, defocus, excluded, sides, y, x, depth, tolerance, color, excluded_weight=0.0):  # type: ignore[no-untyped-def]
+def mean_color(image, defocus, excluded, sides, y, x, depth, tolerance, color, excluded_weight=0.0):
     """Write the mean color of the surface at ``depth`` around (y, x); return its variance, -1 if none.
 
     Pixels within ``tolerance`` of that depth belong to it. Excluded pixels have the weight
@@ -237,7 +237,7 @@ def mean_color(image, defocus, excluded, sides, y, x, depth, tolerance, color, e
 
 
 @njit(cache=True)
-def _max_variance(image, defocus, sides, y, x, depth, tolerance):  # type: ignore[no-untyped-def]
+def _max_variance(image, defocus, sides, y, x, depth, tolerance):
     """Return the maximum variance of unmixed pixels of the surface at ``depth``; inf if too few are pure."""
     height, width = defocus.shape
     count, square = 0, 0.0
@@ -257,7 +257,7 @@ def _max_variance(image, defocus, sides, y, x, depth, tolerance):  # type: ignor
 
 
 @njit(cache=True, parallel=True)
-def _relate_neighbours(index, defocus, excluded, places, surfaces, relations):  # type: ignore[no-untyped-def]
+def _relate_neighbours(index, defocus, excluded, places, surfaces, relations):
     """Fill ``relations``, (N, 2, 9): how the 3x3 pixels around show the nearer and the farther surface."""
     height, width = defocus.shape
     for i in prange(len(places)):
@@ -280,7 +280,7 @@ def _relate_neighbours(index, defocus, excluded, places, surfaces, relations):  
 
 
 @njit(cache=True)
-def _unmixed_mean(image, index, relations, colors, surfaces, y, x, color):  # type: ignore[no-untyped-def]
+def _unmixed_mean(image, index, relations, colors, surfaces, y, x, color):
     """Write the mean color of unmixed 3x3 pixels, as :func:`mean_color`; ``relations``, (9,), of one side."""
     total = square = red = green = blue = 0.0
     for k in range(9):
@@ -305,7 +305,7 @@ def _unmixed_mean(image, index, relations, colors, surfaces, y, x, color):  # ty
 
 
 @njit(cache=True)
-def _unmix_pixel(pixel, front, back, coverage, coverage_spread, front_variance, back_variance):  # type: ignore[no-untyped-def]
+def _unmix_pixel(pixel, front, back, coverage, coverage_spread, front_variance, back_variance):
     """Move the means ``front`` and ``back`` to the most probable colors; return the coverage."""
     front_gain, back_gain = coverage * front_variance, (1.0 - coverage) * back_variance
     spread = coverage * front_gain + (1.0 - coverage) * back_gain
@@ -337,7 +337,7 @@ def _unmix_pixel(pixel, front, back, coverage, coverage_spread, front_variance, 
 
 
 @njit(cache=True)
-def _unmix_with_means(pixel, colors, coverage, coverage_spread, variances, limits):  # type: ignore[no-untyped-def]
+def _unmix_with_means(pixel, colors, coverage, coverage_spread, variances, limits):
     """Unmix as :func:`_unmix_pixel`, from means (2, 3) and variances up to ``limits``; below 0: no mean."""
     front_variance, back_variance = min(variances[0], limits[0]), min(variances[1], limits[1])
     least = PRIOR.min_sigma * PRIOR.min_sigma
@@ -357,7 +357,7 @@ def _unmix_with_means(pixel, colors, coverage, coverage_spread, variances, limit
 
 
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, weights, excluded, sides, places, known, coverages, limits, colors, surfaces):  # type: ignore[no-untyped-def]
+def _unmix(image, defocus, weights, excluded, sides, places, known, coverages, limits, colors, surfaces):
     """Fill initial coverages, deviations (N, 2), colors (N, 2, 3), and (N, 4): near, far, coverage, side.
 
     The side is 1 if the pixel's own surface is the nearer one; ``limits``, (N, 2), is set to the maximum
@@ -391,7 +391,7 @@ def _unmix(image, defocus, weights, excluded, sides, places, known, coverages, l
 
 
 @njit(cache=True, parallel=True)
-def _iterate(image, index, relations, places, coverages, limits, colors, surfaces, new_colors, new_surfaces):  # type: ignore[no-untyped-def]
+def _iterate(image, index, relations, places, coverages, limits, colors, surfaces, new_colors, new_surfaces):
     """Fill the new colors and surfaces from the neighbours; ``coverages`` and their deviations, (N, 2)."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
@@ -407,13 +407,13 @@ def _iterate(image, index, relations, places, coverages, limits, colors, surface
 
 
 @njit(cache=True)
-def _edge_slope(coverage):  # type: ignore[no-untyped-def]
+def _edge_slope(coverage):
     """Return the derivative of a coverage by the position of its edge."""
     return max(4.0 * coverage * (1.0 - coverage), PRIOR.min_edge_slope)
 
 
 @njit(cache=True, parallel=True)
-def _locate_edges(index, places, initial, colors, surfaces, coverages):  # type: ignore[no-untyped-def]
+def _locate_edges(index, places, initial, colors, surfaces, coverages):
     """Fill coverages and their deviations (N, 2) from the edge position common to all pixels around."""
     height, width = index.shape
     for i in prange(len(places)):

@@ -260,7 +260,7 @@ def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarr
 
 
 @njit(cache=True, forceinline=True)
-def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
+def collapse(coefficients, square, collapsed):
     """Fill ``collapsed`` (orders, 2 or 4, 10) with the coefficients for h.h = ``square``."""
     fourth, third = coefficients[3].reshape(-1), coefficients[2].reshape(-1)
     second, first = coefficients[1].reshape(-1), coefficients[0].reshape(-1)
@@ -270,7 +270,7 @@ def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
+def _polynomial(c, order, which, x, y):
     """Return the polynomial in the lanes x = a.a and y = a.h, from the collapsed coefficients."""
     inner = broadcast8(c[order, which, 8]) * y + broadcast8(c[order, which, 7])
     inner = (broadcast8(c[order, which, 9]) * x + inner) * x
@@ -282,7 +282,7 @@ def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: ignore[no-untyped-def]
+def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):
     """Return E and A of eight rays from the polynomials at their wavelengths; see :func:`send_rays`."""
     across, down = broadcast8(h_x), broadcast8(h_y)
     a_x, a_y = u, v
@@ -301,7 +301,7 @@ def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: 
 
 
 @njit(cache=True, forceinline=True)
-def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped-def]
+def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):
     """Return transverse aberration E in pixels and coordinates A of eight rays: (E_x, E_y, A_x, A_y).
 
     Args:
@@ -335,7 +335,7 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
 
 
 @njit(cache=True, forceinline=True)
-def send_channels(collapsed, tilt, u, v, h_x, h_y, waves):  # type: ignore[no-untyped-def]
+def send_channels(collapsed, tilt, u, v, h_x, h_y, waves):
     """Return the result of :func:`send_rays` for each of three wavelengths, three tuples of lanes."""
     square, product = u * u + v * v, u * broadcast8(h_x) + v * broadcast8(h_y)
     bent = collapsed.shape[1] == 4
@@ -361,12 +361,12 @@ def send_channels(collapsed, tilt, u, v, h_x, h_y, waves):  # type: ignore[no-un
 
 
 @njit(cache=True, forceinline=True)
-def _add_order(sums, powers, values):  # type: ignore[no-untyped-def]
+def _add_order(sums, powers, values):
     return sums[0] + powers[0] * values, sums[1] + powers[1] * values, sums[2] + powers[2] * values
 
 
 @njit(cache=True, forceinline=True)
-def keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
+def keep_within(u, v, shift_x, shift_y, radius, w):
     """Return the weights ``w`` (lanes) of rays inside a pupil circle; outside if its radius is negative."""
     away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
     beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)

@@ -27,7 +27,7 @@ LEVELS = 64
 
 
 @njit(cache=True, parallel=True)
-def _compute_extents(points, lens, chromatic_part, directions, extents):  # type: ignore[no-untyped-def]
+def _compute_extents(points, lens, chromatic_part, directions, extents):
     """Fill ``extents``, see :func:`bundle_extents`.
 
     ``chromatic_part``: upper bound of the chromatic aberration, pixels. ``directions``: number of field
@@ -68,7 +68,7 @@ def _compute_extents(points, lens, chromatic_part, directions, extents):  # type
 
 
 @njit(cache=True, forceinline=True)
-def extent_at(line, defocus):  # type: ignore[no-untyped-def]
+def extent_at(line, defocus):
     """Return the maximum distance from a pixel of its rays at a defocus; ``line`` is the ring's, pixels."""
     level = min(max(defocus + LEVELS, 0.0), 2.0 * LEVELS)
     first = min(int(level), 2 * LEVELS - 1)
@@ -77,14 +77,14 @@ def extent_at(line, defocus):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def ring_of(h_x, h_y, extents):  # type: ignore[no-untyped-def]
+def ring_of(h_x, h_y, extents):
     """Return the index of a field position's ring."""
     last = extents.shape[0] - 1
     return min(int(math.sqrt(h_x * h_x + h_y * h_y) * last), last)
 
 
 @njit(cache=True)
-def _fill_reaches(lines, defocus, reaches):  # type: ignore[no-untyped-def]
+def _fill_reaches(lines, defocus, reaches):
     """Fill ``reaches`` (lines, n) with :func:`extent_at` of each line and defocus."""
     for row in range(reaches.shape[0]):
         for i in range(reaches.shape[1]):
@@ -92,7 +92,7 @@ def _fill_reaches(lines, defocus, reaches):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_strays(nearest, farthest, lens, above, extents, strays):  # type: ignore[no-untyped-def]
+def _fill_strays(nearest, farthest, lens, above, extents, strays):
     """Fill ``strays``, see :func:`stray_map`."""
     for y in prange(strays.shape[0]):
         for x in range(strays.shape[1]):

@@ -58,7 +58,7 @@ _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 
 
 @njit(cache=True, forceinline=True)
-def _continues(cells, y, x, depth):  # type: ignore[no-untyped-def]
+def _continues(cells, y, x, depth):
     """Return whether a surface of this defocus, in a pixel next to (y, x), continues there."""
     for layer in range(cells.shape[2]):
         if cells[y, x, layer, 1] >= 1.0 and abs(cells[y, x, layer, 0] - depth) <= DISCONTINUITY_THRESHOLD:
@@ -67,7 +67,7 @@ def _continues(cells, y, x, depth):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _is_smooth(cells, y, x):  # type: ignore[no-untyped-def]
+def _is_smooth(cells, y, x):
     """Return whether nothing is occluded at a pixel and its surface continues in all neighbours."""
     height, width, layers = cells.shape[:3]
     depth = cells[y, x, 0, 0]
@@ -81,7 +81,7 @@ def _is_smooth(cells, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_outlines(cells, outlines):  # type: ignore[no-untyped-def]
+def _fill_outlines(cells, outlines):
     """Fill ``outlines`` (H, W, 2) with the farthest and nearest surface of each pixel that ends there."""
     height, width, layers = cells.shape[:3]
     for y in prange(height):
@@ -104,7 +104,7 @@ def _fill_outlines(cells, outlines):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _widen(outlines, wider):  # type: ignore[no-untyped-def]
+def _widen(outlines, wider):
     """Fill ``wider`` with the bounds over 3x3 pixels of ``outlines``, both (H, W, 2)."""
     height, width = outlines.shape[:2]
     for y in prange(height):
@@ -141,7 +141,7 @@ def dilate_bins(bins: DefocusBins) -> DefocusBins:
 
 
 @njit(cache=True, forceinline=True)
-def reach_between(rays, others, front, back):  # type: ignore[no-untyped-def]
+def reach_between(rays, others, front, back):
     """Return the distance of eight rays to eight others, in whole pixels from 1.
 
     Above ``MAX_OUTLINE_REACH_PX`` the value is not exact.
@@ -166,7 +166,7 @@ def reach_between(rays, others, front, back):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def follow(cells, size, x, y, way, hits, apart, places):  # type: ignore[no-untyped-def]
+def follow(cells, size, x, y, way, hits, apart, places):
     """Find where eight rays meet the surfaces that eight adjacent rays have met.
 
     Args:
@@ -207,7 +207,7 @@ def follow(cells, size, x, y, way, hits, apart, places):  # type: ignore[no-unty
 
 
 @njit(cache=True, forceinline=True)
-def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: ignore[no-untyped-def]
+def keep_rays(lost, way, chance, weights, red, work, kept, count):
     """Append those of eight rays that must be marched to ``kept`` (RAY_FIELDS, n), which contains ``count``.
 
     Args:

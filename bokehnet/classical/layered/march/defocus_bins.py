@@ -62,12 +62,12 @@ class DefocusBins(NamedTuple):
 
 
 @njit(cache=True)
-def _bin_of(value, low, scale):  # type: ignore[no-untyped-def]
+def _bin_of(value, low, scale):
     return min(max(int((value - low) * scale), 0), BINS - 1)
 
 
 @njit(cache=True)
-def _fill_bins(first, second, low, scale):  # type: ignore[no-untyped-def]
+def _fill_bins(first, second, low, scale):
     """Return the bits of all bins between two values of the defocus."""
     a, b = _bin_of(min(first, second), low, scale), _bin_of(max(first, second), low, scale)
     every = np.uint64(0xFFFFFFFFFFFFFFFF)
@@ -75,7 +75,7 @@ def _fill_bins(first, second, low, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
+def _tile_bins(cells, low, scale):
     """Return the bins of defocus that each tile contains in any layer, risers included; (3, rows, columns).
 
     The second set contains the pixels of which more than the first layer can be hit, or where that is steep;
@@ -107,7 +107,7 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _reached_bins(own, reaches, frame):  # type: ignore[no-untyped-def]
+def _reached_bins(own, reaches, frame):
     """Return the bits (2, rows, columns) of all bins with a surface within its blur's reach of each tile.
 
     ``reaches``: reach of the rays by ring and bin, pixels, (rings, BINS). ``frame``: see
@@ -177,13 +177,13 @@ def occupied_bins(
 
 
 @njit(cache=True, forceinline=True)
-def tile_sets(bins):  # type: ignore[no-untyped-def]
+def tile_sets(bins):
     """Return the tile data that rays read: ``held``, flat; rows, columns; lowest defocus, bins per pixel."""
     return bins.held.reshape(-1), bins.held.shape[0], bins.held.shape[1], bins.low, 1.0 / bins.thickness
 
 
 @njit(cache=True)
-def bin_runs(bits, low, thickness, runs):  # type: ignore[no-untyped-def]
+def bin_runs(bits, low, thickness, runs):
     """Write the runs of set bits as pairs (front, back) of defocus, front to back; return their number."""
     count = 0
     i = BINS - 1

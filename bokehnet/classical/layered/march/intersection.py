@@ -68,7 +68,7 @@ HIDES_NOTHING = np.float32(2)
 
 
 @njit(cache=True, parallel=True)
-def _mark_last(cells):  # type: ignore[no-untyped-def]
+def _mark_last(cells):
     """Set the coverage to ``HIDES_NOTHING`` in opaque layers without another depth behind them."""
     height, width, layers = cells.shape[:3]
     for y in prange(height):
@@ -94,7 +94,7 @@ def layer_cells(layers: Layers) -> np.ndarray:
 
 
 @njit(cache=True, forceinline=True)
-def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
+def _at_other_outline(where, way, column, row):
     """Return the mask of rays at an outline in another pixel than the adjacent rays, which cross theirs.
 
     Args:
@@ -116,7 +116,7 @@ def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None, resumed=None):  # type: ignore[no-untyped-def]
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):
     """Write the first surface on each of eight rays.
 
     Positions beyond the border read the border's pixel. In long ranges of the defocus, tiles in which a ray
@@ -145,8 +145,6 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
             outlines, see ``outlines_of`` of :mod:`bokehnet.classical.layered.march.channel_rays`, flat;
             offset in it of the outlines within reach; origins and directions of the two, lanes (begin_x,
             begin_y, a_x, a_y).
-        resumed: If not None, a tuple of the mask of the rays that march; ``hits`` then continues with
-            ``chance`` behind the surfaces that the rays have passed.
     """
     height, width, layers = size
     occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
@@ -163,7 +161,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     gain_y = divide8(one, max8(abs8(v), broadcast8(STEEPEST)))
     tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
-    waiting = less8(zero, one) if resumed is None else resumed[0]
+    waiting = less8(zero, one)
     first_apart, second_apart = zero, zero
     for run in range(count):
         front = broadcast8(np.float32(runs[run, 0]))
@@ -282,15 +280,13 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     store8(hits, LANES, hit_column)
     store8(hits, 2 * LANES, hit_layer)
     store8(hits, 3 * LANES, hit_depth)
-    if resumed is not None:
-        store8(hits, 4 * LANES, chance)
     if outlines is not None:
         store8(hits, 4 * LANES, first_apart)
         store8(hits, 5 * LANES, second_apart)
 
 
 @njit(cache=True)
-def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: ignore[no-untyped-def]
+def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):
     """Write where eight rays meet the only, smooth surface; arguments as for :func:`intersect`.
 
     A ray meets the surface at the defocus s that the surface has at the ray's position for s. Each iteration

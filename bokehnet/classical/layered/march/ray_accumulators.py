@@ -45,14 +45,14 @@ FILTERED_RADIUS = 4.0
 
 
 @njit(cache=True, forceinline=True)
-def _add(totals, at, member, lanes):  # type: ignore[no-untyped-def]
+def _add(totals, at, member, lanes):
     """Add the members among eight values to the totals from index ``at`` on."""
     zero = broadcast8(np.float32(0))
     store8(totals, at, load8(totals, at) + select8(member, lanes, zero))
 
 
 @njit(cache=True, forceinline=True)
-def add_light(totals, numbers, blur, depth, weights, colors, weight, disocclusion_weight):  # type: ignore[no-untyped-def]
+def add_light(totals, numbers, blur, depth, weights, colors, weight, disocclusion_weight):
     """Add the light of eight rays to the totals of their groups.
 
     Args:
@@ -87,7 +87,7 @@ def add_light(totals, numbers, blur, depth, weights, colors, weight, disocclusio
 
 
 @njit(cache=True, forceinline=True)
-def sum_light(totals, before, rays, sums):  # type: ignore[no-untyped-def]
+def sum_light(totals, before, rays, sums):
     """Add totals to a pixel's means (GROUPS, numbers) of ``before`` rays, which become those of ``rays``."""
     numbers = sums.shape[1]
     old_weight, new_weight = np.float32(before / rays), np.float32(1.0 / rays)

@@ -49,7 +49,7 @@ def _levels(radius: float) -> int:
 
 
 @njit(cache=True, forceinline=True)
-def window_reach(weight, steepness):  # type: ignore[no-untyped-def]
+def window_reach(weight, steepness):
     """Return the reach of the window of a group, 1 to ``_MAX_REACH_PX`` pixels, as a float.
 
     Args:
@@ -62,7 +62,7 @@ def window_reach(weight, steepness):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _level_of(reach):  # type: ignore[no-untyped-def]
+def _level_of(reach):
     """Return the level of blocks, of 2^level pixels a side, for a window of this reach in pixels."""
     level = 0
     while reach > _MAX_RINGS << level:
@@ -71,7 +71,7 @@ def _level_of(reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _weight_of(window, group):  # type: ignore[no-untyped-def]
+def _weight_of(window, group):
     """Return the weight of a group, mean over the colors."""
     weight, last = 0.0, window.shape[1] - 2
     for i in range(3, last):
@@ -80,14 +80,14 @@ def _weight_of(window, group):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _add_pixel(sums, v, u, weight, window):  # type: ignore[no-untyped-def]
+def _add_pixel(sums, v, u, weight, window):
     for group in range(window.shape[0]):
         for c in range(window.shape[1]):
             window[group, c] += weight * sums[v, u, group, c]
 
 
 @njit(cache=True)
-def _add_ring(sums, y, x, reach, weight, window):  # type: ignore[no-untyped-def]
+def _add_ring(sums, y, x, reach, weight, window):
     """Add the pixels at the distance ``reach`` from a pixel, along either axis, to ``window``."""
     height, width = sums.shape[:2]
     for v in range(max(0, y - reach), min(height, y + reach + 1)):
@@ -98,14 +98,14 @@ def _add_ring(sums, y, x, reach, weight, window):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, forceinline=True)
-def _allowed_reach(window, group, level):  # type: ignore[no-untyped-def]
+def _allowed_reach(window, group, level):
     """Return the reach in blocks of a level that the discs of a group in a window allow."""
     reach = window_reach(_weight_of(window, group), window[group, window.shape[1] - 2])
     return (reach + 0.5) / (1 << level) - 0.5
 
 
 @njit(cache=True)
-def _average(sums, y, x, group, level, window):  # type: ignore[no-untyped-def]
+def _average(sums, y, x, group, level, window):
     """Grow a window of 3x3 blocks of a level as far as the discs of a group allow.
 
     Returns:
@@ -122,7 +122,7 @@ def _average(sums, y, x, group, level, window):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _halve(sums, smaller):  # type: ignore[no-untyped-def]
+def _halve(sums, smaller):
     """Fill ``smaller`` with the sums over 2x2 of ``sums``; values beyond the border are 0."""
     height, width = sums.shape[:2]
     for y in prange(smaller.shape[0]):
@@ -134,7 +134,7 @@ def _halve(sums, smaller):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def]
+def _fill_windows(sums, level, windows, fitting):
     """Fill windows around all blocks of a level: all groups for the front, then the group behind, alone."""
     for y in prange(sums.shape[0]):
         window = np.empty(sums.shape[2:])
@@ -154,7 +154,7 @@ def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def _from_blocks(windows, fitting, y, x, level, group, window):  # type: ignore[no-untyped-def]
+def _from_blocks(windows, fitting, y, x, level, group, window):
     """Fill ``window`` from those of the four blocks next to a pixel, unless their discs are too small.
 
     Returns:
@@ -188,7 +188,7 @@ def _from_blocks(windows, fitting, y, x, level, group, window):  # type: ignore[
 
 
 @njit(cache=True)
-def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type: ignore[no-untyped-def]
+def _widest_window(sums, windows, fitting, y, x, group, start, window):
     """Fill ``window`` with the widest one around a pixel that the discs of a group allow.
 
     Args:
@@ -212,7 +212,7 @@ def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type:
 
 
 @njit(cache=True, parallel=True)
-def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, disocclusion_weight):  # type: ignore[no-untyped-def]
+def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, disocclusion_weight):
     width, numbers = rays_mask.shape[1], sums.shape[3]
     own = 1 if numbers == COLORED else 0  # 1 if each color has a weight of its own
     for y in prange(top, bottom):

@@ -34,12 +34,6 @@ from bokehnet.classical.layered.march.channel_rays import (
 )
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.march.intersection import intersect, intersect_smooth
-from bokehnet.classical.layered.march.detail_levels import (
-    DetailLevels,
-    detail_levels,
-    intersect_levels,
-    runs_of_levels,
-)
 from bokehnet.classical.layered.march.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
 from bokehnet.classical.layered.march.ray_averages import resolve, window_halo
 from bokehnet.classical.layered.march.sample_counts import (
@@ -71,15 +65,14 @@ __all__ = ["SETS", "RaysJob", "fair_stride", "march", "scramble"]
 _STRIP = 192
 
 # The pixels of a 3x3 block use different pupil points.
-SETS = 64
-MAX_RAYS = 128
+SETS = 9
 
 # Multiples of the golden ratio modulo 1: evenly spread random numbers for the rays of a pixel.
 _GOLDEN = 0.6180339887498949
 
 
 @njit(cache=True)
-def scramble(x, y, seed):  # type: ignore[no-untyped-def]
+def scramble(x, y, seed):
     """Return a hash of a pixel, 0 up to 2^32."""
     whole = np.uint64(0xFFFFFFFF)
     h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
@@ -91,14 +84,8 @@ def scramble(x, y, seed):  # type: ignore[no-untyped-def]
     return h ^ h >> np.uint64(15)
 
 
-@njit(cache=True, forceinline=True)
-def spread_bits(number):  # type: ignore[no-untyped-def]
-    """Return three bits of a number at the even places of the result."""
-    return number & 1 | (number & 2) << 1 | (number & 4) << 2
-
-
 @njit(cache=True)
-def fair_stride(count):  # type: ignore[no-untyped-def]
+def fair_stride(count):
     """Return a step through ``count`` rows that visits all and spreads each thread's rows evenly."""
     stride = max(1, int(0.618 * count))
     while math.gcd(stride, count) > 1:
@@ -107,7 +94,7 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _vignette(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
+def _vignette(u, v, front, back, shift_x, shift_y, radius):
     """Return the weights in front of and behind focus of rays that pass a circle; see ``keep_within``."""
     return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(
         u, v, shift_x, shift_y, radius, back
@@ -115,13 +102,13 @@ def _vignette(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-u
 
 
 @njit(cache=True, forceinline=True)
-def _ray_of(ray, start_x, start_y):  # type: ignore[no-untyped-def]
+def _ray_of(ray, start_x, start_y):
     """Return origin and direction of rays from E and A of ``ray`` and their starts, lanes."""
     return start_x - ray[0], start_y - ray[1], ray[2], ray[3]
 
 
 @njit(cache=True, forceinline=True)
-def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: ignore[no-untyped-def]
+def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):
     """Return E and A of rays with chromatic aberration: axial at ``at``, lateral ``pattern`` values later."""
     axial = broadcast8(factors[0]) * load8(fringes, at)
     lateral = broadcast8(factors[1]) * load8(fringes, pattern + at)
@@ -130,7 +117,7 @@ def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: i
 
 
 @njit(cache=True, forceinline=True)
-def _read_hits(hits, way, pair):  # type: ignore[no-untyped-def]
+def _read_hits(hits, way, pair):
     """Return weight, layer, defocus and squared blur of the hits of eight rays; weight 0 without a hit.
 
     ``pair``: weights in front of and behind focus.
@@ -144,7 +131,7 @@ def _read_hits(hits, way, pair):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
+def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):
     """Return the part of ``weight`` that no picture shows: behind the first layer or beyond the border."""
     zero = broadcast8(np.float32(0))
     hidden = select8(less8(zero, layer), weight, zero)
@@ -156,7 +143,7 @@ def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border
 
 
 @njit(cache=True, parallel=True)
-def _march(  # type: ignore[no-untyped-def]
+def _march(
     colors,
     cells,
     rays_mask,
@@ -174,7 +161,6 @@ def _march(  # type: ignore[no-untyped-def]
     before,
     counts,
     sums,
-    levels=None,
 ):
     """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
@@ -184,7 +170,7 @@ def _march(  # type: ignore[no-untyped-def]
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
     last = first + sums.shape[0]
-    variants, table, rays = points.shape[1], points.shape[2], MAX_RAYS
+    variants, rays = points.shape[1] // SETS, points.shape[2]
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
     flat_colors, numbers = colors.reshape(-1), sums.shape[3]
@@ -205,9 +191,6 @@ def _march(  # type: ignore[no-untyped-def]
         zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
         one, third = broadcast8(np.float32(1)), broadcast8(np.float32(1 / 3))
         right, bottom = broadcast8(np.float32(width)), broadcast8(np.float32(height))
-        if levels is not None:
-            level_runs = np.empty((2 * len(levels.limits) + 1, BINS, 2))
-            level_counts = np.empty(2 * len(levels.limits) + 1, np.int64)
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         if outlines is not None:
@@ -221,16 +204,12 @@ def _march(  # type: ignore[no-untyped-def]
             smooth = bins.smooth[tile_row, tile_column]
             size = (height, width, cells.shape[2])
             count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
-            if levels is not None and not smooth:
-                runs_of_levels(levels, bins, tile_row, tile_column, runs, level_runs, level_counts)
-            hashed = scramble(tile_column, tile_row + above // TILE, seed)
-            variant = int(hashed % np.uint64(variants))
             for y in range(tile_row * TILE, min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not rays_mask[y, x]:
                         continue
                     hashed = scramble(x, y + above, seed)
-                    point_set = spread_bits(x & 7) | spread_bits((y + above) & 7) << 1
+                    variant = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
                     first_chance = broadcast8(np.float32(hashed / 4294967296.0))
                     shift_x, shift_y = cats_eye_shift(
                         cats_eye, x + place[0], y + above + place[1], place[2], place[3]
@@ -249,7 +228,7 @@ def _march(  # type: ignore[no-untyped-def]
                     totals[:] = 0.0
                     lost = 0
                     for start in range(before, sent, LANES):
-                        k = variant * table + LANES * ((start // LANES) ^ point_set)
+                        k = variant * rays + start
                         u, v = load8(us, k), load8(vs, k)
                         chance = first_chance + load8(chances, start)
                         chance = chance - floor8(chance)
@@ -287,22 +266,14 @@ def _march(  # type: ignore[no-untyped-def]
                                 _ray_of(red, start_x, start_y),
                                 _ray_of(blue, start_x, start_y),
                             )
-                        by_level, lights = False, (zero, zero, zero)
                         if outlines is None:
                             if not smooth or not intersect_smooth(
                                 flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
                             ):
-                                if levels is None:
-                                    intersect(
-                                        *(flat, size, tiles, runs, count),
-                                        *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits),
-                                    )
-                                else:
-                                    by_level = True
-                                    lights = intersect_levels(
-                                        *(flat, flat_colors, size, tiles, levels, level_runs, level_counts),
-                                        *(x, y, u, v, chance, hits),
-                                    )
+                                intersect(
+                                    *(flat, size, tiles, runs, count),
+                                    *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits),
+                                )
                         else:
                             store8(hits, 4 * LANES, zero)
                             store8(hits, 5 * LANES, zero)
@@ -333,12 +304,9 @@ def _march(  # type: ignore[no-untyped-def]
                                     store8(hits, 4 * LANES, one)
                                     store8(hits, 5 * LANES, one)
                         w, layer, depth, blur = _read_hits(hits, way, pair)
-                        if levels is not None and by_level:
-                            light = lights
-                        else:
-                            light = gather_triples8(
-                                flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
-                            )
+                        light = gather_triples8(
+                            flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
+                        )
                         shares, weight = (w, w, w), w
                         if outlines is not None:
                             apart = load8(hits, 4 * LANES)
@@ -431,7 +399,6 @@ class RaysJob:
     seed: int = 0
     above: int = 0
     viewport: Viewport | None = None
-    levels: DetailLevels | None = None
 
 
 def march(
@@ -459,7 +426,6 @@ def march(
     height, width = rays_mask.shape
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     numbers, arrays, options = _kernel_arguments(job)
-    levels = () if job.levels is None else (job.levels,)
     halo = window_halo(job.radius)
     marched_rows, previous_sums = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
@@ -473,11 +439,11 @@ def march(
             if last > first_new:
                 new_sums, rows = sums[first_new - first :], slice(first_new, last)
                 counts = np.full((-(-(last - first_new) // TILE), -(-width // TILE)), FIRST_RAYS)
-                send(*arrays, *options, first_new, 0, counts, new_sums, *levels)
+                send(*arrays, *options, first_new, 0, counts, new_sums)
                 first_pass = FirstPass(
-                    new_sums, rays_mask[rows], cells[rows], job.nominal_rays, MAX_RAYS
+                    new_sums, rays_mask[rows], cells[rows], job.nominal_rays, points.shape[2]
                 )
-                send(*arrays, *options, first_new, FIRST_RAYS, sample_counts(first_pass), new_sums, *levels)
+                send(*arrays, *options, first_new, FIRST_RAYS, sample_counts(first_pass), new_sums)
             marched_rows, previous_sums = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, job.radius)
             if progress is not None and done is not None:

@@ -88,13 +88,13 @@ def counts_by_variance(first_pass: FirstPass) -> np.ndarray:
 
 
 @njit(cache=True, forceinline=True)
-def _srgb_slope(light):  # type: ignore[no-untyped-def]
+def _srgb_slope(light):
     """Return the derivative of the sRGB curve (IEC 61966-2-1)."""
     return 12.92 if light <= 0.0031308 else 1.055 / 2.4 * light ** (1 / 2.4 - 1.0)
 
 
 @njit(cache=True)
-def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-def]
+def _tile_means(sums, rays_mask, top, left, means):
     """Fill ``means`` (GROUPS, numbers) with the sums over a tile; return the number of pixels."""
     pixels = 0
     means[:] = 0.0
@@ -109,7 +109,7 @@ def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[no-untyped-def]
+def _blurred_noise(sums, rays_mask, top, left, colors, slopes):
     """Return the noise variance of the light of blurred surfaces after the first rays, and the sample count.
 
     Blurred light is linear over three pixels, so the deviation is noise: for independent noise,
@@ -141,7 +141,7 @@ def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[
 
 
 @njit(cache=True, forceinline=True)
-def _brightness(sums, y, x, group):  # type: ignore[no-untyped-def]
+def _brightness(sums, y, x, group):
     """Return weight and light of a group at a pixel, mean over the colors."""
     last = sums.shape[3] - 2
     weight = 0.0
@@ -151,7 +151,7 @@ def _brightness(sums, y, x, group):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
+def _sharp_variance(sums, y, x, slope):
     """Return the variance of one ray, of the part of a pixel's light that no window averages.
 
     A ray returns the color of either a sharp surface or the mean of the blurred surfaces behind focus.
@@ -171,7 +171,7 @@ def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _count(sums, rays_mask, cells, nominal_rays, max_rays, noise, counts):  # type: ignore[no-untyped-def]
+def _count(sums, rays_mask, cells, nominal_rays, max_rays, noise, counts):
     numbers = sums.shape[3]
     own = 1 if numbers == COLORED else 0
     for row in prange(counts.shape[0]):

@@ -74,7 +74,7 @@ _RAYS, _CURVED, _PLANE = range(3)
 
 
 @njit(cache=True, parallel=True)
-def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
+def _tile_surfaces(cells, surfaces):
     """Fill ``surfaces`` (rows, columns, 6); tiles that the border cuts count as layered."""
     height, width, layers = cells.shape[:3]
     moment = TILE * TILE * (TILE * TILE - 1) / 12.0
@@ -107,7 +107,7 @@ def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
+def _field(x, y, lens, above):
     """Return the field position, limited to the corner."""
     far_x, far_y = (x - lens.column) * lens.scale, (y + above - lens.row) * lens.scale
     shrink = 1.0 / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
@@ -115,7 +115,7 @@ def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _reach_of(own, line):  # type: ignore[no-untyped-def]
+def _reach_of(own, line):
     """Return the reach of a tile's bundle on its plane, pixels, blocks included."""
     rise = line[-1] * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # change of the radius per pixel of reach
     within = max(extent_at(line, own[_LOW]), extent_at(line, own[_HIGH]))
@@ -123,13 +123,13 @@ def _reach_of(own, line):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _plane_tolerance(own):  # type: ignore[no-untyped-def]
+def _plane_tolerance(own):
     """Return the tolerance of surfaces to a tile's plane, pixels of defocus."""
     return max(_MAX_DEVIATION_PX, _MAX_DEVIATION_FRACTION * max(abs(own[_LOW]), abs(own[_HIGH])))
 
 
 @njit(cache=True)
-def _classify(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
+def _classify(surfaces, row, column, line, flat, low, high):
     """Return ``_PLANE`` if a tile's rays meet its plane within ``flat`` pixels, else ``_CURVED``."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
@@ -155,7 +155,7 @@ def _classify(surfaces, row, column, line, flat, low, high):  # type: ignore[no-
 
 
 @njit(cache=True, parallel=True)
-def _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, kinds):  # type: ignore[no-untyped-def]
+def _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, kinds):
     """Fill ``kinds`` (rows, columns) of the tiles; all surfaces are between ``low`` and ``high``."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
@@ -187,7 +187,7 @@ def _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, 
 
 
 @njit(cache=True, parallel=True)
-def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
+def _fill_planes(colors, first, planes):
     """Fill the colors of the first layer and their means over blocks that begin at a pixel.
 
     ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_MAX_REACH_PX``
@@ -218,7 +218,7 @@ def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved, rays):  # type: ignore[no-untyped-def]
+def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved, rays):
     """Fill ``rays`` (5 * BUNDLE): offsets right and down of the hits, and their red, green, blue.
 
     ``curved``: cells, flat, and their size, for the intersection with the surface; a size of 0 means the
@@ -274,7 +274,7 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
 
 
 @njit(cache=True, forceinline=True)
-def _first_level(reach):  # type: ignore[no-untyped-def]
+def _first_level(reach):
     """Return the level of the largest blocks that can have little enough light for a disc of this reach."""
     level = 0
     while (2 << level) <= _MAX_BLOCK_PX and (2 << level) ** 2 <= _MAX_BLOCK_FRACTION * math.pi * (
@@ -285,7 +285,7 @@ def _first_level(reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-untyped-def]
+def _gather_taps(rays, level, reach, slots, places, taps):
     """Aggregate rays that meet the same block of 2^level pixels a side.
 
     Args:
@@ -331,7 +331,7 @@ def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-un
 
 
 @njit(cache=True, forceinline=True)
-def _sum_taps(plane, offsets, taps, count, start, width, sums, at):  # type: ignore[no-untyped-def]
+def _sum_taps(plane, offsets, taps, count, start, width, sums, at):
     """Write the sums of eight pixels in each of four rows of a plane to ``sums`` from index ``at`` on."""
     zero = broadcast8(np.float32(0))
     a, b, c, d = zero, zero, zero, zero
@@ -348,7 +348,7 @@ def _sum_taps(plane, offsets, taps, count, start, width, sums, at):  # type: ign
 
 
 @njit(cache=True, parallel=True)
-def _render(  # type: ignore[no-untyped-def]
+def _render(
     planes, first, tile_kinds, tile_row, surfaces, cells, rays_mask, arrays, lens, extents, view, result
 ):
     """Render the tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.

@@ -3,6 +3,7 @@
 ``huggingface_hub`` reads its variables when it is imported, which is why.
 """
 
+import contextlib
 import json
 import os
 import subprocess
@@ -101,12 +102,59 @@ def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path
     render = ("render", "photo.png", "-o", "out.png", "--f-number", "1.8", "--json")
     without = run(*render)
     assert (without.returncode, "has no depth map" in without.stderr) == (1, True)
-    assert "--depth-model" in without.stderr
+    assert "bokehnet models tiny --get downloads a network" in without.stderr
     run("models", "tiny", "--get")
     done = run(*render)
     assert done.returncode == 0, done.stderr
     assert "depth estimated by tiny" in done.stdout + done.stderr
     assert json.loads(done.stdout)["largest_blur_px"] > 0.1
+
+
+@pytest.fixture
+def on_terminal(hub, tmp_path):
+    """Run a command with a terminal as stdin and stderr, and type an answer."""
+    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
+
+    def call(answer, *words):
+        ours, theirs = pty.openpty()
+        clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
+        told = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-c", RUN, *words],
+            cwd=tmp_path,
+            env=clean | told | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=theirs,
+            stderr=theirs,
+            stdout=subprocess.DEVNULL,
+        )
+        os.close(theirs)
+        os.write(ours, answer.encode())
+        shown = b""
+        with contextlib.suppress(OSError):  # the other end is closed
+            while block := os.read(ours, 4096):
+                shown += block
+        os.close(ours)
+        return process.wait(120), shown.decode()
+
+    return call
+
+
+@pytest.mark.slow
+def test_a_photo_alone_is_rendered_after_one_question_on_a_terminal(on_terminal, hub, tmp_path):
+    code, shown = on_terminal("n\n", "render", "photo.png")
+    assert (code, "1 kB" in shown, "licence mit" in shown) == (1, True, True), shown
+    assert f"{tmp_path / 'cache'}" in shown.replace("\r\n", "")
+    assert "download declined" in shown
+    assert (hub.asked, stored(tmp_path), (tmp_path / "photo_bokeh.png").exists()) == ([], [], False)
+
+    code, shown = on_terminal("y\n", "render", "photo.png", "--engine", "scatter")
+    assert (code, shown.count("Download it?")) == (0, 1), shown
+    assert "depth estimated by tiny" in shown
+    assert "blur up to 4 % of the longer side" in shown
+    assert (tmp_path / "photo_bokeh.png").exists()
+    code, shown = on_terminal("", "render", "photo.png", "--engine", "scatter")
+    assert (code, "Download it?" in shown) == (0, False)
+    assert (tmp_path / "photo_bokeh_2.png").exists()
 
 
 @pytest.mark.slow
@@ -187,6 +235,66 @@ def test_a_convention_beside_a_named_network_is_refused(run):
     assert (done.returncode, "whose convention is midas" in done.stderr) == (1, True)
 
 
+FETCH = """
+import sys
+from pathlib import Path
+from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.inference import depth_models
+depth_models._TABLE, depth_models.PINS = Path("table.toml"), Path("pins.toml")
+from bokehnet.inference.model_download import fetch_model
+answer, stop = sys.argv[1] == "yes", "stop" in sys.argv
+def agree(offer):
+    print(offer.size, offer.bytes, offer.licence, offer.source, offer.folder)
+    return answer
+def progress(done, total):
+    print("progress", done, total)
+    if stop:
+        raise RenderCancelled
+try:
+    print(fetch_model(depth_models.recommended_model(), agree, progress).name)
+except (BokehnetError, RenderCancelled) as error:
+    print(type(error).__name__, error)
+"""
+
+
+@pytest.mark.slow
+def test_a_program_shows_the_offer_and_downloads_after_consent_only(run, hub, tmp_path):
+    size = len(hub.files["tests/tiny", "onnx/model.onnx"])
+    declined = run("no", source=FETCH)
+    offer, outcome = declined.stdout.splitlines()
+    assert offer.split()[:5] == ["1", "kB", str(size), "mit", f"{hub.address}/tests/tiny"]
+    assert str(tmp_path / "cache") in offer
+    assert outcome.startswith("ModelFileError tiny: download declined")
+    assert hub.asked == []
+    assert stored(tmp_path) == []
+
+    agreed = run("yes", source=FETCH).stdout.splitlines()
+    assert f"progress {size} {size}" in agreed
+    assert agreed[-1] == "model.onnx"
+    asked = len(hub.asked)
+    assert run("no", source=FETCH).stdout.splitlines() == ["model.onnx"]  # no question for what is here
+    assert len(hub.asked) == asked
+
+
+@pytest.mark.slow
+def test_a_download_can_be_cancelled(run, tmp_path):
+    cancelled = run("yes", "stop", source=FETCH)
+    assert cancelled.stdout.splitlines()[-1].startswith("RenderCancelled"), cancelled.stderr
+    assert run("models").stdout.split()[1:3] == ["to", "download"]
+
+
+@pytest.mark.slow
+def test_a_network_pinned_by_hash_alone_follows_the_newest_commit(run, hub, tmp_path):
+    pins = (tmp_path / "pins.toml").read_text()
+    (tmp_path / "pins.toml").write_text(pins.replace(REVISION, "main"))
+    assert run("models", "tiny", "--get").returncode == 0
+    assert run(*DEPTH, HF_HUB_OFFLINE="1").returncode == 0
+    assert run("--check", source=PIN).returncode == 0
+    hub.files["tests/tiny", "onnx/model.onnx"] += b" "
+    changed = run(*DEPTH, BOKEHNET_DOWNLOADS="yes", HF_HOME=str(tmp_path / "other"))
+    assert "expected SHA-256" in changed.stderr
+
+
 PIN = """
 import sys
 from pathlib import Path
@@ -204,6 +312,7 @@ def test_the_release_command_pins_what_the_hub_has(run, hub, tmp_path):
     assert run("--check", source=PIN).returncode == 1
     assert run(source=PIN).returncode == 0
     assert pins in (tmp_path / "pins.toml").read_text()
+    assert 'attested = "the hub, and the downloaded file' in (tmp_path / "pins.toml").read_text()
     assert run("--check", source=PIN).returncode == 0
     assert run("models", "tiny", "--get").returncode == 0
     hub.licence = "cc-by-nc-4.0"

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import pytest
 
@@ -20,7 +21,8 @@ def test_one_line_tells_size_engine_focus_blur_repair_and_time(folder, cli):
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off")
     assert (outcome.code, outcome.out) == (0, "")
     told = (
-        r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, map unchanged, \d+\.\d s\n"
+        r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, "
+        r"map unchanged, \d+\.\d s; assumed: bright is near\n"
     )
     assert re.fullmatch(told, outcome.err)
 
@@ -69,6 +71,8 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "pixel_filter": None,
         "pixel_filter_reason": None,
         "pixel_filter_confidence": None,
+        "assumptions": ["bright is near"],
+        "recovered_light": "",
         "notes": [],
     }
 
@@ -89,7 +93,7 @@ def test_quiet_and_verbose_contradict_each_other(fails):
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_json_of_a_sequence_tells_every_frame(folder, cli, jobs):
-    (folder / "out.02.png").write_bytes(b"older")
+    shutil.copy(folder / "photo.png", folder / "out.02.png")
     words = ("--focus", 0.4, "--frames", "1-3", "--jobs", jobs, "--json")
     outcome = cli(*SEQUENCE, *words)
     assert (outcome.code, outcome.err) == (0, "")

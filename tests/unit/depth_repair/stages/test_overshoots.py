@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, zoom
 
+from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages.overshoots import remove_overshoots
+from bokehnet.depth_repair.stages.overshoots import overshoot_fraction, remove_overshoots
 
 
 def disc(side=160):
@@ -72,6 +73,16 @@ def test_maps_without_ringing_do_not_change():
     np.testing.assert_array_equal(remove_overshoots(wires), wires)
     ground = np.where(rows < 60, 0.05, 0.3 + 0.005 * (rows - 60)).astype(np.float32)
     np.testing.assert_array_equal(remove_overshoots(ground), ground)
+
+
+def test_only_ringing_maps_count_as_such():
+    """Authority: the filter that made the map; ridges of blurred wires are no overshoots."""
+    rows, columns = np.mgrid[:160, :160]
+    wires = gaussian_filter(np.where(columns % 16 < 1, 0.9, 0.1) + 0.001 * rows, 2.0).astype(np.float32)
+    limit = RepairConfig().min_overshoots
+    for smooth in (disc(), wires):
+        assert overshoot_fraction(smooth, remove_overshoots(smooth)) < limit
+    assert overshoot_fraction(ringing(disc()), remove_overshoots(ringing(disc()))) > limit
 
 
 def test_a_separate_object_in_front_of_a_rim_does_not_change():

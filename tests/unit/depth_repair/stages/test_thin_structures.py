@@ -138,19 +138,14 @@ def test_small_pictures(shape):
 
 
 def test_restored_lines_relax_the_criteria_for_shaded_lines():
-    """The colours of half of the net vary in shade; without relaxed criteria half would be rejected."""
+    """The colours of half of the net vary in shade."""
     picture, truth, worn = net()
     y, x = np.mgrid[:SIZE, :SIZE]
     shade = np.where(x > SIZE // 2, 0.75 + 0.25 * np.sin((x + y) / 3), 1)
     wires = truth == np.float32(NEAR)
     picture[wires] *= shade[wires][:, None].astype(np.float32)
     lost = (worn != truth) & (x > SIZE // 2 + 8) & (x < SIZE - 12) & (y > 12) & (y < SIZE - 12)
-    strict, relaxed = (
-        (restore_thin_structures(picture, worn, LEAST, spread=spread)[lost] == np.float32(NEAR)).mean()
-        for spread in (False, True)
-    )
-    assert strict < 0.6
-    assert relaxed > 0.8
+    assert (restore_thin_structures(picture, worn, LEAST)[lost] == np.float32(NEAR)).mean() > 0.8
 
 
 def test_a_wire_of_a_net_that_leaves_the_picture_is_restored():
@@ -159,12 +154,9 @@ def test_a_wire_of_a_net_that_leaves_the_picture_is_restored():
     border = np.ones_like(truth, bool)
     border[6:-6, 6:-6] = False
     lost = border & (worn != truth)
-    strict, relaxed = (
-        restore_thin_structures(picture, worn, LEAST, spread=spread) for spread in (False, True)
-    )
-    assert (strict[lost] == truth[lost]).mean() < 0.4
-    assert (relaxed[lost] == truth[lost]).mean() > 0.8
-    assert (relaxed != truth)[border & (truth != np.float32(NEAR))].mean() < 0.1
+    restored = restore_thin_structures(picture, worn, LEAST)
+    assert (restored[lost] == truth[lost]).mean() > 0.8
+    assert (restored != truth)[border & (truth != np.float32(NEAR))].mean() < 0.1
 
 
 def twig(last=78):
@@ -193,11 +185,6 @@ def test_a_twig_is_restored_up_to_an_occluder():
     missing = (truth != lost)[before]
     assert (restored[before][missing] == np.float32(NEAR)).mean() > 0.85
     assert (restored[:, 60:70] == np.float32(0.95)).all()
-
-
-def test_soft_maps_get_no_lines_with_open_ends():
-    picture, _, lost = twig()
-    assert np.array_equal(restore_thin_structures(picture, lost, LEAST, spread=False), lost)
 
 
 def test_a_line_of_another_colour_at_the_tip_of_a_twig_is_not_restored():

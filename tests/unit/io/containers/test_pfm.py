@@ -42,14 +42,13 @@ def test_the_content_tells_the_format(tmp_path):
     assert_array_equal(read_depth(tmp_path / "depth.data", unit="mm"), np.abs(GREY))
 
 
-def test_alpha_is_a_fourth_channel(tmp_path):
+def test_alpha_is_not_written(tmp_path):
     alpha = np.array([[0.5, 1, 0], [1, 0.25, 1]], np.float32)
-    (tmp_path / "a.pfm").write_bytes(by_hand("PF4", np.dstack([COLOUR, alpha]), -1))
-    frame = read_frame(tmp_path / "a.pfm")
-    assert_array_equal(frame.image, COLOUR)
+    write_image(tmp_path / "a.exr", COLOUR, alpha=alpha)
+    frame = read_frame(tmp_path / "a.exr")
     assert_array_equal(frame.alpha, alpha)
-    write_frame(tmp_path / "b.pfm", frame, frame.image)
-    assert (tmp_path / "b.pfm").read_bytes() == by_hand("PF4", np.dstack([COLOUR, alpha]), -1.0)
+    write_frame(tmp_path / "a.pfm", frame, frame.image)
+    assert (tmp_path / "a.pfm").read_bytes() == by_hand("PF", COLOUR, -1.0)
 
 
 def test_pillow_reads_what_is_written(tmp_path):
@@ -72,6 +71,7 @@ def test_colour_is_written_as_told(tmp_path):
     [
         (by_hand("PF", COLOUR, -1)[:-1], "truncated: expected 82 bytes"),
         (b"PF\n3 2\n0\n" + bytes(72), "damaged header"),
+        (b"PF4\n3 2\n-1\n" + bytes(96), "expected one of .*, found the format 'pnm'"),
         (b"PF\n3 2\nnan\n" + bytes(72), "damaged header"),
         (b"PF\n0 2\n-1\n" + bytes(72), "damaged header"),
         (b"PF\n3 two\n-1\n" + bytes(72), "damaged header"),

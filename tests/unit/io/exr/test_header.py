@@ -52,6 +52,14 @@ def test_a_hostile_length_is_an_error(exr, length):
         read_headers(exr)
 
 
+def test_a_repeated_attribute_is_an_error(tmp_path):
+    """ "OpenEXR File Layout": attribute names are unique within a header."""
+    twice = b"focus\0float\0" + struct.pack("<if", 4, 1.0)
+    (tmp_path / "a.exr").write_bytes(struct.pack("<2I", 20000630, 2) + 2 * twice + b"\0")
+    with pytest.raises(ImageFileError, match="'focus' occurs twice"):
+        read_headers(tmp_path / "a.exr")
+
+
 def test_only_exr_files_are_exr(exr, tmp_path):
     (tmp_path / "b.exr").write_bytes(b"PNG")
     assert is_exr(exr)

@@ -11,10 +11,10 @@ from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.containers.jxl import jxl_boxes, jxl_with
 from bokehnet.io.formats import whole_picture
 from bokehnet.io.formats.heif import read_heif
+from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import check_writable, read_image, write_image
 from bokehnet.io.metadata.exif import read_directory
-from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif, packet
 

@@ -10,11 +10,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bokehnet.io.containers.jpeg import APP1, insert_segments
+from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
 from bokehnet.io.metadata.exif import read_directory, refreshed_exif
 from bokehnet.io.metadata.xmp import STANDARD_XMP
-from bokehnet.io.output_format import OutputFormat
 from tests.unit.io import profiles
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")

@@ -3,7 +3,7 @@
 import pytest
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.files.glasses import GlassCatalogues, read_agf, read_yaml_glass
+from bokehnet.lenses.files.glass.glasses import GlassCatalogues, read_agf, read_yaml_glass
 from bokehnet.optics.spectral.glass import C_LINE, D_LINE, F_LINE, FormulaGlass, make_glass
 
 BK7 = (1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945, 103.560653)

@@ -38,7 +38,7 @@ def test_a_texture_is_read_as_it_was_written(made, tmp_path):
         ("light", np.full((9, 16), np.nan), "expected finite numbers"),
         ("reach", np.zeros(9), "radii above 0"),
         ("focusing", "soft", "focusing: expected sharpest or paraxial"),
-        ("f_number", "fast", "found something else"),
+        ("f_number", "fast", "expected a lens profile texture 1, found damage"),
         ("prescription", "name = 3", "prescription"),
     ],
 )
@@ -58,9 +58,9 @@ def test_what_is_no_texture_is_one_line(made, tmp_path, name, value, words):
 def test_a_missing_and_a_cut_file_are_one_line(made, tmp_path):
     lens, texture = made
     path = tmp_path / "profile.npz"
-    with pytest.raises(LensError, match="cannot read profile texture"):
+    with pytest.raises(LensError, match=r"cannot read .*profile\.npz: No such file"):
         read_profile(path)
     write_profile(texture, lens, path)
     path.write_bytes(path.read_bytes()[:300])
-    with pytest.raises(LensError, match="found something else"):
+    with pytest.raises(LensError, match="expected a lens profile texture 1, found damage"):
         read_profile(path)

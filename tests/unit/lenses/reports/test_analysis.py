@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.pupils import paraxial_lens
+from bokehnet.lenses.pupils.paraxial_lens import paraxial_lens
 from bokehnet.lenses.reports.analysis import (
     airy_mtf,
     chromatic_focus,

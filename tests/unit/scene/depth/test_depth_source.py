@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import BokehnetError, ImageFileError, ModelFileError, ParameterError, ShapeError
+from bokehnet.io.depth.units import DEPTH_UNITS
 from bokehnet.io.image import read_image
-from bokehnet.io.maps import DEPTH_UNITS
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.phone_depth import PhoneDepth
 from bokehnet.io.window import Window
@@ -127,7 +127,7 @@ def test_the_map_inside_a_photo(folder, relative, units):
     wanted = "relative" if (units is None if relative is None else relative) else "metric"
     assert from_file.kind == from_array.kind == wanted
     assert from_file.fits_any_size
-    assert from_file.focus == from_array.focus == pytest.approx(np.median(from_file.values), rel=0.2)
+    assert from_file.focus is from_array.focus is None  # no focus in the file: the subject decides
     disparity = 1 - BYTES / 255  # RangeInverse: linear in 1/distance, 0 is near
     if wanted == "relative":
         assert_allclose(from_file.values, disparity, atol=0.01)
@@ -255,15 +255,26 @@ def test_a_source_that_cannot_tell_says_why(folder, shown, source, kind, words):
         (
             {
                 "input": InputSettings(disparity="a.exr", channel="Q"),
-                "depth": DepthSettings(invert=True, value_range=(1, 3), as_stored=True),
+                "depth": DepthSettings(
+                    invert=True, value_range=(1, 3), as_stored=True, coding="jet", no_data=4, holes="error"
+                ),
             },
-            ("a.exr", "Q", True, (1, 3), True),
+            ("a.exr", "Q", True, (1, 3), True, "jet", 4, "error"),
         ),
         (
-            {"input": InputSettings(depth="a.exr"), "depth": DepthSettings(unit="ft")},
-            ("a.exr", None, "ft"),
+            {
+                "input": InputSettings(depth="a.exr"),
+                "depth": DepthSettings(unit="ft", coding="rgb24", kind="ray", no_data=4, holes="error"),
+            },
+            ("a.exr", None, "ft", "rgb24", "ray", None, None, 4, "error", CameraSettings()),
         ),
-        ({"input": InputSettings(depth="a.exr", channel="Z")}, ("a.exr", "Z", "m")),
+        (
+            {
+                "input": InputSettings(depth="a.exr", channel="Z"),
+                "depth": DepthSettings(kind="zbuffer", near=0.1, far=9),
+            },
+            ("a.exr", "Z", None, "auto", "zbuffer", 0.1, 9, None, None, CameraSettings()),
+        ),
         ({"input": InputSettings(defocus="a.exr", channel="Z")}, ("a.exr", "Z")),
         ({"input": InputSettings(depth_model="a.onnx")}, ("a.onnx", "depth-anything-v2", 0, False, None)),
         (

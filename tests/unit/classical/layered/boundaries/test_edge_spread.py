@@ -66,3 +66,77 @@ def test_rows_are_looked_at_in_any_number(monkeypatch):
     monkeypatch.setattr("bokehnet.classical.layered.boundaries.edge_spread._BLOCK_ROWS", 7)
     assert len(whole) > 20
     assert np.array_equal(edge_widths(image), whole)
+
+
+def layers(pixel_filter, hard, seed=0, blur=1.2):
+    """Shapes before a soft texture, (160, 220, 3), and their map, both exact.
+
+    Args:
+        pixel_filter: Filter of the picture; None composites whole pixels.
+        hard: Mask of the shapes at a position, as a function of rows and columns.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    rng = np.random.default_rng(seed)
+    texture = np.stack([gaussian_filter(rng.random((160, 220)), blur) for _ in range(3)], axis=-1)
+    texture = np.clip(0.4 + 0.13 * (texture - texture.mean()) / texture.std(), 0.02, 1)
+    rows, columns = np.mgrid[:160, :220].astype(float)
+    mask = hard(rows, columns).astype(float)
+    coverage = mask
+    if pixel_filter is not None:
+        fine = hard(*np.mgrid[: 160 * 8, : 220 * 8] / 8 - 7 / 16).astype(float)
+        weights = pixel_filter.fine_weights(8)
+        beyond = (len(weights) - 8) // 2
+        for axis in (0, 1):
+            padding = [(0, 0), (0, 0)]
+            padding[axis] = (beyond, beyond)
+            padded = np.pad(fine, padding, mode="edge")
+            size = fine.shape[axis] // 8
+            fine = sum(w * np.take(padded, np.arange(size) * 8 + k, axis) for k, w in enumerate(weights))
+        coverage = fine
+    image = 0.03 * coverage[..., None] + texture * (1 - coverage[..., None])
+    return image.astype(np.float32), mask.astype(np.float32)
+
+
+def wires(rows, columns):
+    return (np.abs(columns % 16 - 8) < 0.5) | (np.abs(rows % 16 - 8) < 0.5)
+
+
+def discs(rows, columns):
+    return ((columns % 40 - 20) ** 2 + (rows % 40 - 20) ** 2) < 13.3**2
+
+
+def slats(rows, columns):
+    return (columns + 0.37 * rows) % 23 < 5
+
+
+@pytest.mark.parametrize("hard", [wires, discs, slats])
+@pytest.mark.parametrize("blur", [0.7, 1.2, 2.5])
+def test_unmixed_pixels_at_depth_edges_are_a_box_whatever_the_texture(hard, blur):
+    """Authority: the composite of whole pixels."""
+    found = estimate_filter(*layers(None, hard, blur=blur))
+    assert (found.pixel_filter, found.confidence > 0.3) == (PixelFilter("box", 1), True)
+    assert "pixels at depth edges are unmixed" in found.reason
+
+
+@pytest.mark.parametrize("hard", [discs, slats])
+@pytest.mark.parametrize(
+    "pixel_filter", [DEFAULT_FILTER, PixelFilter("gaussian", 2), PixelFilter("gaussian", 3)]
+)
+def test_filtered_depth_edges_are_no_box(hard, pixel_filter):
+    found = estimate_filter(*layers(pixel_filter, hard))
+    assert found.pixel_filter.name != "box"
+
+
+@pytest.mark.parametrize("hard", [wires, discs, slats])
+@pytest.mark.parametrize("shift", [1, 2, 3])
+def test_a_map_beside_the_edges_of_a_filtered_picture_proves_no_box(hard, shift):
+    """Authority: the filter that drew the picture; the map is moved."""
+    image, disparity = layers(DEFAULT_FILTER, hard)
+    assert estimate_filter(image, np.roll(disparity, shift, 1)).pixel_filter.name != "box"
+
+
+@pytest.mark.parametrize("blur", [0.8, 1.2, 2.0])
+def test_texture_alone_is_no_evidence(blur):
+    image, _ = layers(None, lambda rows, columns: rows < 0, blur=blur)
+    assert estimate_filter(image, np.zeros(image.shape[:2])).pixel_filter == DEFAULT_FILTER

@@ -12,24 +12,25 @@ NEAR, FAR = 9.0, -9.0
 LAMP = np.array([400.0, 300.0, 100.0], np.float32)
 
 
-def night(lamp_is_near, share=0.3):
-    """A dark edge at column 20; a lamp fills the last pixel of its own side and ``share`` of the next one."""
+def night(lamp_is_near, coverage=0.3):
+    """A dark edge at column 20; a lamp fills the last pixel of its side and ``coverage`` of the next one."""
     image = np.full((41, 41, 3), 0.02, np.float32)
     image[:, 20:] = 0.05
     defocus = np.where(np.arange(41) < 20, NEAR, FAR).astype(np.float32) * np.ones((41, 1), np.float32)
     own, other = (19, 20) if lamp_is_near else (20, 19)
     image[20, own] = LAMP
-    image[20, other] += share * (LAMP - image[20, other])
+    image[20, other] += coverage * (LAMP - image[20, other])
     return image, defocus, other
 
 
+@pytest.mark.parametrize("coverage", [0.3, 0.95])
 @pytest.mark.parametrize("lamp_is_near", [True, False])
-def test_what_a_lamp_sheds_beyond_its_edge_is_its_own(lamp_is_near):
-    image, defocus, column = night(lamp_is_near)
+def test_light_of_a_lamp_beyond_its_edge_keeps_its_color_and_depth(lamp_is_near, coverage):
+    image, defocus, column = night(lamp_is_near, coverage)
     found = split_lights(image, defocus, discontinuity_sides(defocus), image[..., 0] > 1)
     assert list(zip(found.rows, found.columns, strict=True)) == [(20, column)]
-    share = found.coverage[0] if lamp_is_near else 1 - found.coverage[0]
-    assert share == pytest.approx(0.3, abs=1e-3)
+    of_lamp = found.coverage[0] if lamp_is_near else 1 - found.coverage[0]
+    assert of_lamp == pytest.approx(coverage, abs=1e-3)
     np.testing.assert_allclose((found.front if lamp_is_near else found.back)[0], LAMP, rtol=1e-3)
     assert (found.near[0], found.far[0], bool(found.is_front[0])) == (NEAR, FAR, not lamp_is_near)
 

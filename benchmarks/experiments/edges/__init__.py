@@ -1,0 +1,1 @@
+"""Experiments with depth edges, layers, rays and moving pictures."""

@@ -1,0 +1,1 @@
+"""Experiments with lenses, aberrations and point spread functions."""

@@ -1,0 +1,1 @@
+"""Experiments with looks, effects, lamps and fits of looks."""

@@ -1,0 +1,1 @@
+"""Experiments with libraries, compilers, the studio and the page without a server."""

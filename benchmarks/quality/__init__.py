@@ -1,0 +1,1 @@
+"""Commands that measure quality against a truth, and their scenes and tables."""

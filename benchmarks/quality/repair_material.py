@@ -1,0 +1,481 @@
+"""Material of the repair benchmark: small path-traced scenes, and the maps of depth estimators.
+
+Scenes come from :mod:`bokehnet.synth.clutter` with photographs that no training scene shows; views from
+displaced pupils give light fields and stereo pairs. All functions are seeded.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.ndimage import (
+    gaussian_filter,
+    map_coordinates,
+    maximum_filter,
+    median_filter,
+    minimum_filter,
+    uniform_filter,
+    zoom,
+)
+
+from bokehnet.lenses import Rays
+from bokehnet.synth import SceneConfig, SynthConfig
+from bokehnet.synth.clutter.baked_scene import BakedScene, View
+from bokehnet.synth.clutter.scenes import random_clutter
+from bokehnet.synth.config import ClutterConfig
+from bokehnet.synth.pairs import lens_for_view
+
+__all__ = ["ESTIMATORS", "FAULTS", "Scene", "read_scenes", "same_textured_scene"]
+
+CONFIG = SynthConfig(
+    seed=3000017,
+    kind="clutter",
+    scenes=6,
+    width=384,
+    height=256,
+    bokeh_samples=160,
+    image_samples=24,
+    scene=SceneConfig(photographs=("coffee", "gravel", "rocket")),
+    clutter=ClutterConfig(lamp_probability=0.0),
+)
+
+# Factor from the small scenes to pictures of 2560 pixels, and samples per pixel there.
+LARGE_FACTOR, _LARGE_SAMPLES = 2560 / CONFIG.width, 8
+
+# Maximum blur radius of the rendered check, pixels.
+_MAX_RADIUS_PX = 10.0
+
+# Light field: views along each side, and displacement of the outermost view, pixels of the nearest surface.
+_VIEWS, _MAX_PARALLAX_PX = 7, 12.0
+
+# Stereo: parallax of the nearest surface, pixels, and standard deviation of the noise of encoded pictures.
+_STEREO_PARALLAX_PX, _STEREO_NOISE = 40.0, 0.01
+
+_MIDDLE_GREY = 0.18
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scene:
+    """Picture with its exact map, a picture with bokeh, and views from displaced pupils.
+
+    Attributes:
+        name: Name of the scene.
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        disparity: Exact disparity, (H, W), 0 to 1.
+        truth: Picture with bokeh, (H, W, 3).
+        blur: Blur radius per unit of disparity, pixels.
+        focus: Disparity in focus.
+        views: Light field, (V, V, H, W, 3) float16; empty if not traced.
+        stereo: Right-hand picture of a stereo pair, (H, W, 3); empty if not traced.
+        parallax: Relative parallax at disparity 0 and at disparity 1.
+    """
+
+    name: str
+    image: np.ndarray
+    disparity: np.ndarray
+    truth: np.ndarray
+    blur: float
+    focus: float
+    views: np.ndarray
+    stereo: np.ndarray
+    parallax: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _DisplacedPinhole:
+    """Pinhole camera displaced parallel to its sensor.
+
+    Attributes:
+        distance: Distance of the sensor, mm.
+        displacement: Displacement to the right and up, mm.
+    """
+
+    distance: float
+    displacement: tuple[float, float]
+
+    def sample_rays(self, sensor: np.ndarray, disc: np.ndarray) -> Rays:
+        """Return the rays from the pinhole; ``disc`` is unused."""
+        slope = (-sensor / np.float32(self.distance)).astype(np.float32)
+        return Rays(origin=np.broadcast_to(np.float32(self.displacement), slope.shape), slope=slope)
+
+
+def _view(factor: float, samples: int, seed: int) -> View:
+    return View(
+        width=round(factor * CONFIG.width),
+        height=round(factor * CONFIG.height),
+        pixel_pitch=CONFIG.pixel_pitch / factor,
+        samples=samples,
+        seed=seed,
+    )
+
+
+def _trace(index: int, large: bool) -> dict[str, np.ndarray]:
+    """Trace one scene at its small size, or its picture and its map at 2560 pixels."""
+    rng = np.random.default_rng(np.random.SeedSequence([CONFIG.seed, index]))
+    scene = random_clutter(rng, CONFIG).scene
+    pinhole = _DisplacedPinhole(CONFIG.sensor_distance, (0.0, 0.0))
+    small = scene.render(pinhole, _view(1, CONFIG.image_samples, 0), False)
+    gain = np.float32(_MIDDLE_GREY / max(float(small.mean()), 1e-6))
+    inverse_depth = scene.disparity(pinhole, _view(1, 1, 0))
+    low, high = float(inverse_depth.min()), float(inverse_depth.max())
+    if large:
+        size = _view(LARGE_FACTOR, _LARGE_SAMPLES, 0)
+        values = (scene.disparity(pinhole, size) - low) / (high - low)
+        return {"image": gain * scene.render(pinhole, size, False), "disparity": values.astype(np.float32)}
+    disparity = ((inverse_depth - low) / (high - low)).astype(np.float32)
+    focus = float(np.quantile(disparity, rng.choice([0.1, 0.5, 0.95])))
+    blur = _MAX_RADIUS_PX / float(np.abs(disparity - focus).max())
+    absolute_blur, scaled = blur / (high - low), low + focus * (high - low)
+    lens = lens_for_view(absolute_blur, scaled, replace(CONFIG, nearest_distance=1.0))
+    parallax = CONFIG.pixel_pitch / CONFIG.sensor_distance / high
+    steps = np.linspace(-1, 1, _VIEWS) * _MAX_PARALLAX_PX * parallax
+    views = [
+        [_displaced(scene, (float(x), float(y)), CONFIG.image_samples // 3) for x in steps] for y in steps
+    ]
+    return {
+        "image": gain * small,
+        "disparity": disparity,
+        "truth": gain * scene.render(lens, _view(1, CONFIG.bokeh_samples, 1)),
+        "blur": np.float64(blur),
+        "focus": np.float64(focus),
+        "parallax": np.array([low / high, 1.0]),
+        "views": (gain * np.array(views)).astype(np.float16),
+        "stereo": gain * _displaced(scene, (_STEREO_PARALLAX_PX * parallax, 0.0), CONFIG.image_samples),
+    }
+
+
+def _displaced(scene: BakedScene, displacement: tuple[float, float], samples: int) -> np.ndarray:
+    """Return the picture (H, W, 3) of a pinhole displaced to the right and down, mm."""
+    lens = _DisplacedPinhole(CONFIG.sensor_distance, displacement)
+    return scene.render(lens, _view(1, samples, 2), False)
+
+
+def read_scenes(folder: Path, count: int = CONFIG.scenes, *, large: bool = False) -> list[Scene]:
+    """Return the traced scenes; trace those that are missing in ``folder``.
+
+    Args:
+        folder: Cache; delete it after changes of the code that draws scenes.
+        count: Number of scenes.
+        large: True for pictures and maps at 2560 pixels, without views and pictures with bokeh.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes, empty = [], np.zeros(0, np.float32)
+    for index in range(count):
+        path = folder / f"{CONFIG.seed}-{index}{'-large' if large else ''}.npz"
+        if not path.exists():
+            np.savez(path.with_suffix(".partial.npz"), **_trace(index, large))
+            path.with_suffix(".partial.npz").replace(path)
+        with np.load(path) as stored:
+            arrays = {key: stored[key] for key in stored.files}
+        scenes.append(
+            Scene(
+                name=f"scene {index}",
+                image=arrays["image"],
+                disparity=arrays["disparity"],
+                truth=arrays.get("truth", empty),
+                blur=float(arrays.get("blur", 0.0)),
+                focus=float(arrays.get("focus", 0.0)),
+                views=arrays.get("views", empty),
+                stereo=arrays.get("stereo", empty),
+                parallax=tuple(arrays.get("parallax", (0.0, 1.0))),
+            )
+        )
+    return scenes
+
+
+def same_textured_scene(kind: str = "discs") -> Scene:
+    """Return discs or a wire fence in front of a wall of the same texture; the truth is composed of layers.
+
+    The picture shows no edge, so that nothing but the map knows where the surfaces end.
+
+    Args:
+        kind: "discs" or "fence".
+    """
+    rng = np.random.default_rng(5)
+    height, width, radius = 256, 384, 8.0
+    y, x = np.mgrid[:height, :width]
+    if kind == "discs":
+        near = (np.hypot(y % 128 - 64, x % 128 - 64) < 36).astype(np.float32)
+    else:
+        near = (((x + y) % 40 < 4) | ((x - y) % 40 < 4)).astype(np.float32)
+    textures = [
+        gaussian_filter(rng.standard_normal((height, width, 3)), (1.2, 1.2, 0), mode="wrap") for _ in range(2)
+    ]
+    front, back = (np.float32(0.25) * np.exp(np.float32(1.5) * t.astype(np.float32)) for t in textures)
+    edge = int(np.ceil(radius)) + 1
+    offsets = np.mgrid[-edge : edge + 1, -edge : edge + 1]
+    disc = np.clip(radius + 0.5 - np.hypot(*offsets), 0, 1)
+    blurred = np.stack([_convolved(back[..., c], disc / disc.sum()) for c in range(3)], -1)
+    return Scene(
+        name=f"same texture, {kind}",
+        image=np.where(near[..., None] > 0, front, back),
+        disparity=near,
+        truth=np.where(near[..., None] > 0, front, blurred).astype(np.float32),
+        blur=radius,
+        focus=1.0,
+        views=np.zeros(0, np.float32),
+        stereo=np.zeros(0, np.float32),
+        parallax=(0.0, 1.0),
+    )
+
+
+def _convolved(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """Return values (H, W) convolved with a kernel, the border repeated."""
+    radius = len(kernel) // 2
+    padded = np.pad(values, radius, "edge")
+    result = np.zeros(values.shape)
+    for (row, column), weight in np.ndenumerate(kernel):
+        if weight:
+            result += weight * padded[row : row + len(values), column : column + values.shape[1]]
+    return result
+
+
+# Estimators: functions of a scene and a random generator that return a map, (H, W), 0 to 1.
+Estimator = Callable[[Scene, np.random.Generator], np.ndarray]
+
+# Number of hypotheses of parallax of plane sweep and stereo.
+_HYPOTHESES = 64
+
+
+def _encoded(image: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.clip(image.astype(np.float32), 0, 1))
+
+
+def _relative(scene: Scene, parallax: np.ndarray) -> np.ndarray:
+    """Return the disparity of relative parallax, 0 to 1."""
+    low, high = scene.parallax
+    return np.asarray(np.clip((parallax - low) / (high - low), 0, 1), np.float32)
+
+
+def _best_hypothesis(costs: np.ndarray, hypotheses: np.ndarray) -> np.ndarray:
+    """Return the hypothesis with the lowest cost (N, H, W), refined by a parabola."""
+    best = np.clip(costs.argmin(0), 1, len(costs) - 2)
+    before, at, after = (np.take_along_axis(costs, (best + k)[None], 0)[0] for k in (-1, 0, 1))
+    vertex = np.clip((before - after) / np.maximum(2 * (before - 2 * at + after), 1e-9), -0.5, 0.5)
+    step = hypotheses[1] - hypotheses[0]
+    return np.asarray(hypotheses[best] + step * vertex, np.float32)
+
+
+def plane_sweep(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the map by plane sweep over the light field, accurate to a pixel at edges, with small noise.
+
+    The half of the views with the lower cost counts, so that occlusion in the others does not.
+
+    Source:
+        Collins, "A space-sweep approach to true multi-image matching", CVPR 1996.
+    """
+    views, steps = _encoded(scene.views).mean(-1), np.linspace(-1, 1, len(scene.views)) * _MAX_PARALLAX_PX
+    views = views + np.float32(0.004) * rng.standard_normal(views.shape, np.float32)
+    centre = views[len(views) // 2, len(views) // 2]
+    hypotheses, costs = np.linspace(*scene.parallax, _HYPOTHESES), []
+    y, x = np.mgrid[: centre.shape[0], : centre.shape[1]]
+    for value in hypotheses:
+        differences = []
+        for i, down in enumerate(steps):
+            for j, right in enumerate(steps):
+                if i % 2 == 0 and j % 2 == 0 and (i, j) != (len(steps) // 2,) * 2:
+                    place = [y - value * down, x - value * right]
+                    shifted = map_coordinates(views[i, j], place, order=1, mode="nearest")
+                    differences.append(uniform_filter(np.abs(shifted - centre), 3))
+        costs.append(np.sort(differences, 0)[: len(differences) // 2].mean(0))
+    return _relative(scene, _best_hypothesis(np.array(costs), hypotheses))
+
+
+def _stereo_costs(scene: Scene, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return the absolute differences (N, H, W) of a noisy stereo pair and the parallaxes, pixels."""
+    left, right = (
+        _encoded(x) + np.float32(_STEREO_NOISE) * rng.standard_normal(x.shape, np.float32)
+        for x in (scene.image, scene.stereo)
+    )
+    shifts = np.arange(int(_STEREO_PARALLAX_PX * scene.parallax[0]), int(_STEREO_PARALLAX_PX) + 2)
+    costs = np.full((len(shifts), *left.shape[:2]), 1.0, np.float32)
+    for cost, shift in zip(costs, shifts, strict=True):
+        cost[:, shift:] = np.abs(left[:, shift:] - right[:, : left.shape[1] - shift]).mean(-1)
+    return np.minimum(costs, 0.12), shifts
+
+
+def _from_stereo(scene: Scene, costs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Return the map of the best parallaxes; occluded pixels get the background beside them."""
+    parallax = _best_hypothesis(costs, shifts.astype(np.float32))
+    # The right-hand map follows from the same costs, along the other diagonal.
+    columns = np.arange(costs.shape[2])
+    other = np.array([costs[k][:, np.minimum(columns + s, columns[-1])] for k, s in enumerate(shifts)])
+    reverse = shifts[other.argmin(0)]
+    rows = np.arange(costs.shape[1])[:, None]
+    partner = np.clip(columns - np.rint(parallax).astype(int), 0, columns[-1])
+    occluded = np.abs(reverse[rows, partner] - parallax) > 1.5
+    filled = np.where(occluded, np.nan, parallax)
+    for line in filled:
+        known = np.flatnonzero(np.isfinite(line))
+        if len(known):
+            after = np.searchsorted(known, columns)
+            before = line[known[np.clip(after - 1, 0, len(known) - 1)]]
+            behind = np.minimum(before, line[known[np.clip(after, 0, len(known) - 1)]])
+            line[:] = np.where(np.isnan(line), behind, line)
+        else:
+            line[:] = shifts[0]
+    return _relative(scene, median_filter(filled, 3) / _STEREO_PARALLAX_PX)
+
+
+def block_matching(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the map by block matching in windows of 9 pixels, which fatten foregrounds by half a window.
+
+    Source:
+        Scharstein and Szeliski, "A taxonomy and evaluation of dense two-frame stereo correspondence
+        algorithms", IJCV 2002.
+    """
+    costs, shifts = _stereo_costs(scene, rng)
+    return _from_stereo(scene, np.array([uniform_filter(cost, 9) for cost in costs]), shifts)
+
+
+def semi_global_matching(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the map by semi-global matching along four paths.
+
+    Source:
+        Hirschmüller, "Stereo processing by semiglobal matching and mutual information", IEEE TPAMI 2008.
+    """
+    costs, shifts = _stereo_costs(scene, rng)
+    costs = np.array([uniform_filter(cost, 3) for cost in costs])
+    total = np.zeros_like(costs)
+    for axis in (1, 2):
+        for direction in (1, -1):
+            lines = np.moveaxis(costs, axis, 0)[::direction]  # (steps, N, lines)
+            summed, previous = np.empty_like(lines), lines[0]
+            summed[0] = previous
+            for at in range(1, len(lines)):
+                lowest = previous.min(0)
+                neighbours = np.pad(previous, ((1, 1), (0, 0)), constant_values=np.inf)
+                jump = np.minimum(np.minimum(neighbours[:-2], neighbours[2:]) + 0.02, lowest + 0.15)
+                previous = lines[at] + np.minimum(previous, jump) - lowest
+                summed[at] = previous
+            total += np.moveaxis(summed[::direction], 0, axis)
+    return _from_stereo(scene, total, shifts)
+
+
+def sparse_lidar(scene: Scene, rng: np.random.Generator, *, linear: bool = True) -> np.ndarray:
+    """Return the map of points on every fifth row and fourth column, densified by interpolation."""
+    height, width = scene.disparity.shape
+    y, x = (grid.ravel() for grid in np.mgrid[2:height:5, 1:width:4])
+    x = np.clip(x + rng.integers(-1, 2, len(x)), 0, width - 1)
+    values = scene.disparity[y, x] * (1 + 0.002 * rng.standard_normal(len(x)))
+    grid = np.mgrid[:height, :width]
+    nearest = NearestNDInterpolator(np.stack([y, x], 1), values)(*grid)
+    if not linear:
+        return np.asarray(np.clip(nearest, 0, 1), np.float32)
+    inside = LinearNDInterpolator(np.stack([y, x], 1), values)(*grid)
+    return np.asarray(np.clip(np.where(np.isnan(inside), nearest, inside), 0, 1), np.float32)
+
+
+def time_of_flight(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the map of a sensor with a quarter of the resolution and 1 % noise, enlarged."""
+    height, width = scene.disparity.shape
+    small = zoom(uniform_filter(scene.disparity, 4), 0.25, order=1)
+    small = small + 0.01 * rng.standard_normal(small.shape)
+    large = zoom(small, (height / small.shape[0], width / small.shape[1]), order=1)
+    return np.asarray(np.clip(large, 0, 1), np.float32)
+
+
+def eight_bit(scene: Scene, _: np.random.Generator) -> np.ndarray:
+    """Return the exact map in 256 levels."""
+    return np.asarray(np.rint(255 * scene.disparity) / 255, np.float32)
+
+
+def exact(scene: Scene, _: np.random.Generator) -> np.ndarray:
+    """Return the exact map."""
+    return scene.disparity
+
+
+def with_missing_band(scene: Scene, _: np.random.Generator) -> np.ndarray:
+    """Return the exact map without values, 0, in a band of 24 columns and one of 16 rows."""
+    values = scene.disparity.copy()
+    values[:, 150:174], values[180:196] = 0, 0
+    return values
+
+
+def with_outliers(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the exact map with random values in 0.3 % of the pixels."""
+    places = rng.random(scene.disparity.shape) < 0.003
+    return np.where(places, rng.random(scene.disparity.shape), scene.disparity).astype(np.float32)
+
+
+def random_map(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return a map of random blobs without relation to the picture."""
+    smooth = gaussian_filter(rng.standard_normal(scene.disparity.shape), 10)
+    return np.asarray(np.digitize(smooth / smooth.std(), [-0.7, 0, 0.9]) / 3, np.float32)
+
+
+ESTIMATORS: Mapping[str, Estimator] = {
+    "exact": exact,
+    "8 bits": eight_bit,
+    "plane sweep": plane_sweep,
+    "block matching": block_matching,
+    "semi-global matching": semi_global_matching,
+    "lidar, nearest": partial(sparse_lidar, linear=False),
+    "lidar, linear": sparse_lidar,
+    "time of flight": time_of_flight,
+    "missing bands": with_missing_band,
+    "outliers": with_outliers,
+    "random": random_map,
+}
+
+
+# Faults: functions of the exact map and a random generator that return a map, (H, W).
+Fault = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+def _morphology(values: np.ndarray, _: np.random.Generator, *, sizes: tuple[int, ...]) -> np.ndarray:
+    """Return the map after grey-scale dilations (positive sizes) and erosions (negative sizes)."""
+    for size in sizes:
+        values = (maximum_filter if size > 0 else minimum_filter)(values, abs(size), mode="nearest")
+    return values
+
+
+def _blurred(values: np.ndarray, _: np.random.Generator, *, sigma: float) -> np.ndarray:
+    return np.asarray(gaussian_filter(values, sigma, mode="nearest"), np.float32)
+
+
+def _coarse(values: np.ndarray, _: np.random.Generator, *, factor: int) -> np.ndarray:
+    """Return the map at a fraction of its size, enlarged by bilinear interpolation."""
+    height, width = values.shape
+    small = zoom(uniform_filter(values, factor), 1 / factor, order=1)
+    return np.asarray(zoom(small, (height / small.shape[0], width / small.shape[1]), order=1), np.float32)
+
+
+def _jagged(values: np.ndarray, rng: np.random.Generator, *, reach: float) -> np.ndarray:
+    """Return the map with edges displaced by a smooth random field of up to ``reach`` pixels."""
+    fields = [gaussian_filter(rng.standard_normal(values.shape), 10) for _ in range(2)]
+    y, x = np.mgrid[: values.shape[0], : values.shape[1]]
+    place = [y + reach * fields[0] / np.abs(fields[0]).max(), x + reach * fields[1] / np.abs(fields[1]).max()]
+    return np.asarray(gaussian_filter(map_coordinates(values, place, order=0, mode="nearest"), 1), np.float32)
+
+
+def _moved(values: np.ndarray, _: np.random.Generator, *, offset: tuple[int, int]) -> np.ndarray:
+    """Return the map displaced down and to the right, its border repeated."""
+    padding = [(max(pixels, 0), max(-pixels, 0)) for pixels in offset]
+    padded = np.pad(values, padding, "edge")
+    rows, columns = (
+        slice(max(-pixels, 0), max(-pixels, 0) + side)
+        for pixels, side in zip(offset, values.shape, strict=True)
+    )
+    return padded[rows, columns]
+
+
+def _network_like(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the map as a depth network makes it: two sizes coarser, edges a pixel off, bent tones."""
+    bent = values ** np.float32(0.8)
+    return _blurred(_jagged(_coarse(bent, rng, factor=2), rng, reach=2.0), rng, sigma=0.7)
+
+
+FAULTS: Mapping[str, Fault] = {
+    "blurred": partial(_blurred, sigma=2.5),
+    "eroded": partial(_morphology, sizes=(-5,)),
+    "dilated": partial(_morphology, sizes=(5,)),
+    "opened": partial(_morphology, sizes=(-7, 7)),
+    "coarse": partial(_coarse, factor=4),
+    "jagged": partial(_jagged, reach=4.0),
+    "moved": partial(_moved, offset=(-2, 3)),
+    "network": _network_like,
+}

@@ -1,0 +1,133 @@
+"""Checks of a job before anything slow: consistent settings, readable inputs, a writable output.
+
+Only headers are read, and no kernels are imported, so that mistakes are reported within half a second.
+"""
+
+import os
+from pathlib import Path
+
+from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
+from bokehnet.errors import ErrorCollector, ImageFileError, ParameterError
+from bokehnet.io.containers.input_checks import check_intact
+from bokehnet.io.formats.heif import heif_size, is_heif
+from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
+from bokehnet.io.image import check_writable
+from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
+from bokehnet.io.overwrite_guard import check_overwrite
+from bokehnet.io.picture import find_picture
+from bokehnet.io.pixels import ImageFile
+from bokehnet.io.window import Window
+from bokehnet.render.output import check_output
+from bokehnet.scene.camera import complete_camera, merged_camera
+from bokehnet.scene.depth.depth_source import EmbeddedDepth, MetricDepth, depth_source
+from bokehnet.scene.depth.explicit_depth import map_camera
+from bokehnet.scene.focus_checks import check_focus, check_pixels
+from bokehnet.sequence.sequence import input_files
+from bokehnet.settings.settings import EngineSettings, RenderSettings
+
+__all__ = ["check_inputs", "check_job", "picture_header"]
+
+
+def check_job(image: Path, output: Path, settings: RenderSettings) -> None:
+    """Raise unless the settings are consistent and the result can be written; reads no pixels.
+
+    Args:
+        image: File of the picture.
+        output: File of the result.
+        settings: Settings of the render.
+
+    Raises:
+        ParameterError: All contradictory and missing settings, in one message.
+        MissingExtraError: The device needs packages that are not installed.
+        ImageFileError: The output cannot be written.
+    """
+    errors = ErrorCollector()
+    with errors.collect():
+        check_focus(settings)
+    with errors.collect():
+        _check_device(settings.engine)
+    check_writable(output)
+    with errors.collect():
+        check_output(output, settings.output)
+    with errors.collect():
+        if settings.engine.max_memory is not None and output.suffix.lower() in WHOLE_EXTENSIONS:
+            raise ParameterError(
+                "engine.max_memory",
+                "no limit for AVIF and HEIC, whose encoders need the whole picture",
+                settings.engine.max_memory,
+                "leave it out, or write .jpg, .png or .tif",
+            )
+    with errors.collect():
+        try:
+            inputs, is_reduced = input_files(settings).values(), settings.input.supersampled > 1
+            check_overwrite(output, image, inputs, reduced=is_reduced)
+        except ParameterError as error:
+            raise error.renamed("--output") from error
+    errors.raise_all()
+    _check_maps_folder(settings.output.save_maps)
+
+
+def _check_device(engine: EngineSettings) -> None:
+    """Raise ``ParameterError`` if the settings ask for a CUDA device that this machine lacks."""
+    if engine.device != "cuda":
+        return  # the others always exist, and this check imports torch
+    from bokehnet.engines.devices import device_of
+
+    name = engine.name or DEFAULT_ENGINE
+    device_of("cuda", ENGINES[name].classical if name in ENGINES else name)
+
+
+def _check_maps_folder(folder: Path | None) -> None:
+    if folder is None:
+        return
+    nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise ImageFileError(f"`output.save_maps`: expected a folder, found the file {nearest}")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
+
+
+def check_inputs(image: Path, settings: RenderSettings) -> Window:
+    """Return the size of a picture; raise unless its files can be opened and the settings apply to it.
+
+    Args:
+        image: File of the picture.
+        settings: Settings of the render.
+
+    Raises:
+        ImageFileError: A file is missing or damaged.
+        ParameterError: A pixel in focus lies outside the picture, or data of the camera are missing.
+    """
+    window, camera = picture_header(image)
+    for name, path in input_files(settings).items():
+        if name != "depth_model":
+            check_intact(path)
+    errors, source = ErrorCollector(), depth_source(settings)
+    with errors.collect():
+        if not isinstance(source, EmbeddedDepth):  # a phone's original may have another size
+            check_pixels(settings.focus, window, settings.input.supersampled)
+    with errors.collect():
+        if isinstance(source, MetricDepth) and settings.input.depth is not None:
+            known = merged_camera(camera, map_camera(settings.input.depth))
+            complete_camera(settings.camera, known, source.origin)
+    errors.raise_all()
+    return window
+
+
+def picture_header(path: Path) -> tuple[Window, Camera | None]:
+    """Return size and camera of a picture; reads no pixels.
+
+    Raises:
+        ImageFileError: The file is missing, damaged or no picture.
+    """
+    if is_heif(path):
+        height, width = heif_size(path)
+        return Window.whole(width, height), None
+    with ImageFile(path) as file:
+        part = find_picture(file).part
+        attributes = file.attributes(part)
+        if file.headers is not None:
+            return part.window, camera_from_exr(attributes)
+        turned = part.orientation >= 5
+        width, height = (part.height, part.width) if turned else (part.width, part.height)
+        return Window.whole(width, height), camera_from_exif(attributes, width, height)

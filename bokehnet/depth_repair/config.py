@@ -1,0 +1,59 @@
+"""Numbers of the depth repair.
+
+``python -m benchmarks.quality.repair --ablate`` measures every stage, ``--harm`` the acceptance; figures in
+the comments are theirs unless another source is named. Lengths are pixels of the size at which a stage runs.
+"""
+
+from dataclasses import dataclass
+
+__all__ = ["BLOCK_PX", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
+
+# Stages that can be switched off, in the order of their work.
+STAGES = ("denoise", "overshoots", "sharpen", "register", "network", "deblur", "snap", "thin")
+
+# Side of a block, pixels: the network halves its input three times.
+BLOCK_PX = 8
+
+# Minimum height of a depth edge, as a fraction of the range of the map; the network was trained with it.
+MIN_EDGE_HEIGHT = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RepairConfig:
+    """Numbers of the diagnosis, of the acceptance and of the pyramid, and the stages that run.
+
+    Attributes:
+        stages: Names of the stages that run, a subset of ``STAGES``.
+        noise_range: Lower and upper bound of the noise that is removed: standard deviation as a fraction of
+            the range of the map. Maps without noise have up to 0.0014; above the upper bound, edges and noise
+            cannot be separated.
+        min_softness: Fraction of soft edges from which the edges of a map are sharpened and follow colour
+            edges. Sharp maps of hair have up to 0.17.
+        min_overshoots: Fraction of the pixels near edges that overshoot, from which overshoots are removed:
+            0.003 to 0.014 in blurred, coarse and jagged maps, 0.039 in maps of networks, 0.09 to 0.135 in
+            maps enlarged with a cubic.
+        base_side_px: Maximum side of the size at which map and picture are compared and the network runs.
+        max_shift_px: Upper bound of translation and growth.
+        min_certainty: Minimum certainty of the edge profile of a map for any change. Profiles of random maps
+            reach 0.01, those of interpolated lidar points 0.21, those of faulty maps 0.3 and more.
+        min_shift_gain: Minimum gain of certainty by a translation or growth, as a fraction of the certainty
+            after it.
+        agreement_window_blocks: Half width of the window in which the agreement of both maps with the picture
+            is compared, blocks of 8 pixels.
+        agreement_priors: Pseudo-counts of edge pixels: with the agreement of the whole map in each window,
+            and without agreement in the whole map. With 50 instead of 150 for the whole map, a few changed
+            edges changed an exact map.
+        min_gain: Minimum gain of agreement for a change of the map.
+    """
+
+    stages: frozenset[str] = frozenset(STAGES)
+    noise_range: tuple[float, float] = (0.003, 0.04)
+    min_softness: float = 0.25
+    min_overshoots: float = 0.025
+    base_side_px: int = 1024
+    max_shift_px: int = 7
+    min_certainty: float = 0.25
+    min_shift_gain: float = 0.15
+    agreement_window_blocks: int = 2
+    agreement_priors: tuple[float, float] = (150.0, 150.0)
+    min_gain: float = 0.2

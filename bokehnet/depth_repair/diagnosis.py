@@ -1,0 +1,111 @@
+"""Diagnosis of a map from its picture and itself alone: noise, softness, offset, growth, agreement.
+
+Method: the noise is the median absolute deviation of the finest diagonal Haar details (Donoho and Johnstone,
+"Ideal spatial adaptation by wavelet shrinkage", Biometrika 1994); softness is the fraction of edge pixels
+between both sides of their edge; the agreement is that of the edge profile
+(:mod:`bokehnet.depth_repair.edge_profile`), and offset and growth are those with the best agreement
+(:mod:`bokehnet.depth_repair.stages.register`). No network is involved.
+
+In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: a :class:`Diagnosis`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.depth_repair.config import RepairConfig
+from bokehnet.depth_repair.edge_profile import sample_edges
+from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
+
+__all__ = ["Diagnosis", "diagnose", "noise_level"]
+
+# Minimum side of a map whose noise is estimated, pixels, and approximate maximum number of details used.
+_MIN_SIDE_PX, _MAX_DETAILS = 32, 2**18
+
+# Median of the absolute value of standard normal deviates.
+_NORMAL_MEDIAN = 0.6745
+
+# Maximum number of edge pixels in the profiles of the whole map, and their scales: edges of coarse maps are
+# scattered around those of the picture.
+_MAX_EDGES, _SCALES = 4000, (1, 2, 3)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Diagnosis:
+    """Errors of a map that can be measured without a network.
+
+    Attributes:
+        noise: Standard deviation of the noise, as a fraction of the range of the map.
+        softness: Fraction of soft edges, 0 to 1.
+        placement: Offset and growth, pixels of the size at which they were measured, and their certainty.
+        peak: Distance of the edges of the picture from those of the map, pixels; positive towards the near
+            side.
+        candidates: Placements to try: that of the map or, if the edges of the picture lie elsewhere in a part
+            of the map only, none and a growth.
+        certainty: Best agreement of the map with its picture at a common distance and scale. Below
+            ``min_certainty`` of the configuration the map does not follow the picture, or the picture shows
+            no edges.
+    """
+
+    noise: float = 0.0
+    softness: float = 0.0
+    placement: Placement = NO_PLACEMENT
+    candidates: tuple[Placement, ...] = (NO_PLACEMENT,)
+    peak: float = 0.0
+    certainty: float = 0.0
+
+
+def noise_level(disparity: np.ndarray) -> float:
+    """Return the standard deviation of the noise of a map, as a fraction of its range.
+
+    Args:
+        disparity: Map, (H, W), any unit.
+
+    Returns:
+        Noise level; 0 if the map is constant or a side is shorter than 32 pixels.
+
+    Examples:
+        >>> slope = np.tile(np.linspace(0, 1, 256), (256, 1))
+        >>> noise_level(slope) < 1e-6
+        True
+        >>> round(noise_level(slope + 0.02 * np.random.default_rng(0).standard_normal(slope.shape)), 3)
+        0.018
+    """
+    span = float(np.ptp(disparity))
+    if span == 0 or min(disparity.shape) < _MIN_SIDE_PX:
+        return 0.0
+    height, width = (side // 2 for side in disparity.shape)
+    stride = 2 * math.ceil(math.sqrt(height * width / _MAX_DETAILS))
+    top_left, top_right, bottom_left, bottom_right = (
+        disparity[y : 2 * height : stride, x : 2 * width : stride] for y in (0, 1) for x in (0, 1)
+    )
+    details = np.abs(top_left - top_right - bottom_left + bottom_right)
+    return float(np.median(details)) / (2 * _NORMAL_MEDIAN * span)
+
+
+def diagnose(
+    image: np.ndarray, disparity: np.ndarray, noise: float, softness: float, config: RepairConfig
+) -> Diagnosis:
+    """Return the diagnosis of a map.
+
+    Args:
+        image: All-in-focus picture at the size of the comparison, scene-linear, not negative, (3, H, W).
+        disparity: Map of that size with sharp edges and without noise, (H, W), any unit.
+        noise: Noise of the input from :func:`noise_level`.
+        softness: Fraction of soft edges of the input.
+        config: Numbers of the repair.
+    """
+    profiles = [sample_edges(image, disparity, _MAX_EDGES, scale=scale).profile() for scale in _SCALES]
+    placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
+    candidates, growth = [placement], -round(profiles[0].offset)
+    if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:
+        candidates.append(verified(image, disparity, Placement(growth=growth))[0])
+    return Diagnosis(
+        noise=noise,
+        softness=softness,
+        placement=placement,
+        candidates=tuple(candidates),
+        peak=profiles[0].offset,
+        certainty=max(placement.certainty, *(profile.certainty for profile in profiles)),
+    )

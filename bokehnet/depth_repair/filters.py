@@ -1,0 +1,202 @@
+"""Filters that several stages of the repair share: local extremes, morphology, bilateral and weighted median.
+
+In: maps (H, W), any unit; the joint filters need the encoded picture, (H, W, 3). Out: maps of the same size.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from bokehnet.arrays.row_blocks import make_in_row_blocks
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
+
+__all__ = [
+    "extend_rows",
+    "joint_bilateral",
+    "local_extremes",
+    "shift_edges",
+    "translate_map",
+    "weighted_median",
+]
+
+# Number of histogram bins between the lowest and the highest disparity in a window, for the median.
+_BINS = 24
+
+
+def local_extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest and the largest value of the square window around each pixel.
+
+    Args:
+        values: Array, (H, W); its border is repeated.
+        radius: Half width of the window, pixels.
+    """
+    low, high = (_reduce_windows(values, radius, reduce) for reduce in (np.minimum, np.maximum))
+    return low, high
+
+
+def _reduce_windows(values: np.ndarray, radius: int, reduce: np.ufunc) -> np.ndarray:
+    """Reduce the square window around each pixel, one axis after the other; windows grow by doubling."""
+    result = values
+    for axis in (0, 1):
+        padding = [(radius, radius) if a == axis else (0, 0) for a in (0, 1)]
+        lines = np.moveaxis(np.pad(result, padding, "edge"), axis, 0)
+        size, full_size = 1, 2 * radius + 1
+        while size < full_size:
+            step = min(size, full_size - size)
+            lines = reduce(lines[: len(lines) - step], lines[step:])
+            size += step
+        result = np.moveaxis(lines, 0, axis)
+    return result
+
+
+def extend_rows(rows: slice, halo: int) -> tuple[slice, slice]:
+    """Return rows extended by ``halo`` rows on both sides, clipped at the top, and the rows inside these."""
+    top = max(0, rows.start - halo)
+    return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
+
+
+def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
+    """Return the map with foreground regions grown by some pixels (dilation), or shrunk (erosion).
+
+    Args:
+        disparity: Map, (H, W), any unit, rising towards the camera.
+        pixels: Half width of the square window, pixels; negative to shrink.
+
+    Source:
+        Serra, "Image Analysis and Mathematical Morphology", 1982.
+    """
+    if pixels == 0:
+        return disparity
+    radius, reduce = abs(pixels), np.maximum if pixels > 0 else np.minimum
+
+    def make(rows: slice) -> np.ndarray:
+        window, inner = extend_rows(rows, radius)
+        return _reduce_windows(disparity[window], radius, reduce)[inner]
+
+    return make_in_row_blocks(make, disparity.shape, np.float32)
+
+
+def translate_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
+    """Return the map translated by whole pixels, with its border repeated.
+
+    Args:
+        disparity: Map, (H, W), any unit.
+        offset: Translation down and to the right, pixels.
+    """
+    if offset == (0, 0):
+        return disparity
+    rows, columns = (
+        np.clip(np.arange(side) - pixels, 0, side - 1)
+        for side, pixels in zip(disparity.shape, offset, strict=True)
+    )
+    return disparity[np.ix_(rows, columns)]
+
+
+@njit(cache=True, parallel=True)
+def _bilateral(colors, disparity, radius, color_sigma, deviation, result):  # type: ignore[no-untyped-def]
+    """Fill ``result`` with bilateral means; ``deviation`` is the standard deviation of disparities."""
+    height, width = disparity.shape
+    color_factor, disparity_factor = -0.5 / color_sigma**2, -0.5 / deviation**2
+    for y in prange(height):
+        for x in range(width):
+            centre, total, weights = disparity[y, x], 0.0, 0.0
+            for v in range(max(0, y - radius), min(height, y + radius + 1)):
+                for u in range(max(0, x - radius), min(width, x + radius + 1)):
+                    distance_squared = 0.0
+                    for c in range(3):
+                        distance_squared += (colors[v, u, c] - colors[y, x, c]) ** 2
+                    offset = disparity[v, u] - centre
+                    weight = math.exp(color_factor * distance_squared + disparity_factor * offset * offset)
+                    total += weight * offset
+                    weights += weight
+            result[y, x] = centre + total / weights
+
+
+def joint_bilateral(
+    colors: np.ndarray, disparity: np.ndarray, radius: int, color_sigma: float, deviation: float
+) -> np.ndarray:
+    """Return the mean of each window, weighted by the similarity of colour and disparity, (H, W) float32.
+
+    Args:
+        colors: Encoded picture, (H, W, 3).
+        disparity: Map, (H, W), float32, any unit.
+        radius: Half width of the window, pixels.
+        color_sigma: Standard deviation of encoded colours, Euclidean distance of three channels.
+        deviation: Standard deviation of disparities, in the unit of the map.
+
+    Source:
+        Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV 1998.
+    """
+    result = np.empty_like(disparity)
+    with parallel_region:
+        _bilateral(colors, disparity, radius, color_sigma, deviation, result)
+    return result
+
+
+@njit(cache=True, parallel=True)
+def _weighted_medians(colors, disparity, mask, min_height, radius, color_sigma, result):  # type: ignore[no-untyped-def]
+    """Fill ``result`` with weighted medians at masked pixels and with the map elsewhere."""
+    height, width = disparity.shape
+    color_factor = -0.5 / (color_sigma * color_sigma)
+    for y in prange(height):
+        weights, sums = np.empty(_BINS), np.empty(_BINS)
+        for x in range(width):
+            result[y, x] = disparity[y, x]
+            if not mask[y, x]:
+                continue
+            top, bottom = max(0, y - radius), min(height, y + radius + 1)
+            left, right = max(0, x - radius), min(width, x + radius + 1)
+            low = high = disparity[y, x]
+            for v in range(top, bottom):
+                for u in range(left, right):
+                    low, high = min(low, disparity[v, u]), max(high, disparity[v, u])
+            if high - low <= min_height:
+                continue
+            weights[:], sums[:] = 0.0, 0.0
+            scale, total = (_BINS - 1e-3) / (high - low), 0.0
+            for v in range(top, bottom):
+                for u in range(left, right):
+                    distance_squared = 0.0
+                    for c in range(3):
+                        distance_squared += (colors[v, u, c] - colors[y, x, c]) ** 2
+                    weight = math.exp(color_factor * distance_squared)
+                    index = int((disparity[v, u] - low) * scale)
+                    weights[index] += weight
+                    sums[index] += weight * disparity[v, u]
+                    total += weight
+            cumulative = 0.0
+            for index in range(_BINS):
+                cumulative += weights[index]
+                if cumulative >= 0.5 * total:
+                    result[y, x] = sums[index] / weights[index]
+                    break
+
+
+def weighted_median(
+    colors: np.ndarray,
+    disparity: np.ndarray,
+    mask: np.ndarray,
+    radius: int,
+    color_sigma: float,
+    min_height: float,
+) -> np.ndarray:
+    """Return the map with the median of each masked pixel's window, weighted by the similarity of colours.
+
+    Args:
+        colors: Encoded picture, (H, W, 3).
+        disparity: Map, (H, W), float32, any unit.
+        mask: Pixels to filter, (H, W), bool.
+        radius: Half width of the window, pixels.
+        color_sigma: Standard deviation of encoded colours, Euclidean distance of three channels.
+        min_height: Minimum range of a window, in the unit of the map; others do not change.
+
+    Source:
+        Ma, He, Wei, Sun and Wu, "Constant time weighted median filtering for stereo matching and beyond",
+        ICCV 2013.
+    """
+    result = np.empty_like(disparity)
+    with parallel_region:
+        _weighted_medians(colors, disparity, mask, min_height, radius, color_sigma, result)
+    return result

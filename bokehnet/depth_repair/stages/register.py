@@ -1,0 +1,124 @@
+"""Registration: translation of a map and growth of its foreground regions, in one search.
+
+A map has an offset if it comes from another camera or crop, or if it was enlarged with pixel corners aligned
+instead of centres. Foreground regions are too large or too small everywhere in maps of stereo windows and of
+some networks.
+
+Method: exhaustive search on a coarse grid and around its best point for the displacement of all depth edges
+at which they agree best with the picture (:mod:`bokehnet.depth_repair.edge_profile`). An edge with the normal
+n moves by n . o - g for an offset o and a growth g. A displacement must agree clearly better than the map as
+it is, an offset with growth clearly better than either alone.
+
+In: the picture, scene-linear (3, H, W), and a sharp map (H, W), any unit. Out: a :class:`Placement`.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from bokehnet.depth_repair.config import RepairConfig
+from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
+from bokehnet.depth_repair.filters import shift_edges, translate_map
+
+__all__ = ["NO_PLACEMENT", "Placement", "find_placement", "verified"]
+
+# Maximum number of edge pixels in the search, and spacing of its coarse grid of translations, pixels.
+_MAX_EDGES, _STRIDE_PX = 2000, 2
+
+# Minimum side of a map that is registered, pixels: smaller maps contain too few edges.
+_MIN_SIDE_PX = 64
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Placement:
+    """Displacement that aligns the edges of a map with those of its picture.
+
+    Attributes:
+        offset: Translation of the map down and to the right, pixels.
+        growth: Pixels by which foreground regions grow after the translation, negative to shrink.
+        certainty: Agreement of the displaced edges with the picture minus two standard errors.
+    """
+
+    offset: tuple[int, int] = (0, 0)
+    growth: int = 0
+    certainty: float = 0.0
+
+    def apply(self, disparity: np.ndarray) -> np.ndarray:
+        """Return the displaced map, (H, W)."""
+        return shift_edges(translate_map(disparity, self.offset), self.growth)
+
+
+# Placement of a map that stays where it is.
+NO_PLACEMENT = Placement()
+
+
+def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfig) -> Placement:
+    """Return the displacement with the best agreement; none unless it is significant.
+
+    Args:
+        image: All-in-focus picture, scene-linear, not negative, (3, H, W).
+        disparity: Map with sharp edges, (H, W), any unit.
+        config: Numbers of the repair.
+    """
+    if min(disparity.shape) < _MIN_SIDE_PX:
+        return NO_PLACEMENT
+    edges = sample_edges(image, disparity, _MAX_EDGES)
+    if not len(edges.weights):
+        return NO_PLACEMENT
+    reach = range(-config.max_shift_px, config.max_shift_px + 1)
+    best, (score, error) = NO_PLACEMENT, edges.agreement()
+    # From the simplest displacement to the one with all three parameters.
+    for candidate in (
+        _best([(0, 0)], reach, edges),
+        _best_offset(edges, range(1), config.max_shift_px),
+        _best_offset(edges, reach, config.max_shift_px),
+    ):
+        if candidate == NO_PLACEMENT:
+            continue
+        moved, agreement, error = verified(image, disparity, candidate)
+        gain = agreement - score - 2 * error
+        if agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement:
+            best, score = moved, agreement
+    return best
+
+
+def _displacement(edges: EdgeSamples, placement: Placement) -> np.ndarray:
+    """Return the displacement of each edge along its normal, pixels, (N,)."""
+    displacement: np.ndarray = np.array(placement.offset) @ edges.normals - placement.growth
+    return displacement
+
+
+def _best(offsets: list[tuple[int, int]], growths: range, edges: EdgeSamples) -> Placement:
+    """Return the displacement with the best agreement of some translations and growths."""
+    candidates = [Placement(offset=o, growth=g) for o, g in product(offsets, growths)]
+    return max(candidates, key=lambda candidate: edges.agreement(_displacement(edges, candidate))[0])
+
+
+def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
+    """Return the displacement with the best agreement, from a coarse to a fine grid of translations."""
+    coarse = range(-reach + reach % _STRIDE_PX, reach + 1, _STRIDE_PX)
+    rough = _best(list(product(coarse, coarse)), growths[::_STRIDE_PX], edges)
+    around = [(rough.offset[0] + y, rough.offset[1] + x) for y, x in product((-1, 0, 1), repeat=2)]
+    near = range(max(growths[0], rough.growth - 1), min(growths[-1], rough.growth + 1) + 1)
+    return _best(around, near, edges)
+
+
+def verified(
+    image: np.ndarray, disparity: np.ndarray, placement: Placement
+) -> tuple[Placement, float, float]:
+    """Return the placement whose displaced map agrees best with the picture, its agreement and the error.
+
+    A square window moves oblique edges by up to the square root of 2 times its half width, so that smaller
+    growths than that of the edges compete.
+    """
+    moved, pixels = translate_map(disparity, placement.offset), abs(placement.growth)
+    agreements = {}
+    for size in range(int(pixels / math.sqrt(2)), pixels + 1):
+        growth = int(math.copysign(size, placement.growth))
+        agreements[growth] = sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement()
+    growth = max(agreements, key=lambda pixels: agreements[pixels][0])
+    agreement, error = agreements[growth]
+    verified = Placement(offset=placement.offset, growth=growth, certainty=agreement - 2 * error)
+    return verified, agreement, error

@@ -1,0 +1,90 @@
+"""Maps in NumPy files, ``.npy`` and ``.npz``, as depth networks and data sets store them."""
+
+import zipfile
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
+
+__all__ = ["NUMPY_EXTENSIONS", "read_numpy_map"]
+
+NUMPY_EXTENSIONS = (".npy", ".npz")
+
+# Names of arrays in a .npz file, best first.
+_NAMES = ("depth", "disparity", "disp", "depth_map", "inverse_depth", "z", "arr_0")
+
+_MAX_BYTES_PER_VALUE = 8
+
+
+def read_numpy_map(path: Path, channel: str | None = None) -> NDArray[Any]:
+    """Return the map in a NumPy file, (H, W), in its own type; axes of length 1 are removed.
+
+    Args:
+        path: File with one array, or ``.npz`` with several.
+        channel: Name of the array in a ``.npz`` file; default: the only one, or depth or disparity.
+
+    Raises:
+        ImageFileError: The file is damaged, too large, holds objects, or no map can be chosen.
+    """
+    check_intact(path)
+    try:
+        with path.open("rb") as file:
+            if zipfile.is_zipfile(file):
+                file.seek(0)
+                return _read_archive(path, file, channel)
+            file.seek(0)
+            return _read_array(path, file, path.stat().st_size)
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as problem:
+        raise ImageFileError(f"{path}: expected a NumPy array, found a damaged file ({problem})") from problem
+
+
+def _read_archive(path: Path, file: IO[bytes], channel: str | None) -> NDArray[Any]:
+    with zipfile.ZipFile(file) as archive:
+        names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+        name = channel if channel is not None else _choose(names)
+        if name is None or name not in names:
+            shown = ", ".join(names) or "nothing"
+            wanted = "one array" if channel is None else f"the array {channel!r}"
+            raise ImageFileError(f"{path}: expected {wanted}, found {shown}; name one as `input.channel`")
+        info = archive.infolist()[names.index(name)]
+        with archive.open(info) as member:
+            return _read_array(path, member, info.file_size)
+
+
+def _choose(names: list[str]) -> str | None:
+    if len(names) == 1:
+        return names[0]
+    by_name = {name.lower(): name for name in names}
+    return next((by_name[name] for name in _NAMES if name in by_name), None)
+
+
+def _read_array(path: Path, file: IO[bytes], size: int) -> NDArray[Any]:
+    """Read an array of ``size`` bytes, header included, after checking what the header announces."""
+    version = np.lib.format.read_magic(file)
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read_header is None:
+        raise ImageFileError(f"{path}: expected a NumPy file of version 1 or 2, found {version}")
+    shape, by_columns, dtype = read_header(file)
+    sides = [side for side in shape if side != 1]
+    if len(sides) < 2 and len(shape) == 2:  # a map of one row, one column or one pixel
+        sides = list(shape)
+    if len(sides) != 2 or min(sides) < 1 or dtype.kind not in "fiub":
+        raise ImageFileError(
+            f"{path}: expected an array of numbers (H, W), found {dtype} of shape {tuple(shape)}"
+        )
+    check_pixel_count(path, sides[1], sides[0])
+    count = sides[0] * sides[1]
+    if dtype.itemsize > 2 * _MAX_BYTES_PER_VALUE or count * dtype.itemsize > size:
+        raise ImageFileError(f"{path}: the array is truncated: {count} values announced in {size} bytes")
+    data = file.read(count * dtype.itemsize)
+    if len(data) < count * dtype.itemsize:
+        raise ImageFileError(f"{path}: the array is truncated")
+    values = np.frombuffer(data, dtype).reshape(sides, order="F" if by_columns else "C")
+    return values.astype(dtype.newbyteorder("="), copy=False)

@@ -1,0 +1,1 @@
+"""Glasses of lens files: catalogues, discontinued names and media between surfaces."""

@@ -1,0 +1,120 @@
+"""Constants of the detection and recovery of clipped light."""
+
+from dataclasses import dataclass
+
+__all__ = ["DEFAULT_CONFIG", "LightConfig"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LightConfig:
+    """Constants of :func:`bokehnet.light.recovery.recover_light`.
+
+    ``python -m benchmarks.quality.clipped_light --ablate`` measures them.
+
+    Light is linear, relative to the clip level, unless a unit is given.
+
+    Attributes:
+        lowest_level: Minimum clip level, 8-bit sRGB code.
+        level_spread: Maximum difference of the clip levels of the channels, codes.
+        min_pile: Minimum ratio of the pixels per code at the clip level to those below.
+        min_fraction: Minimum fraction of the picture's pixels at the clip level of a channel.
+        min_pixels: The same, pixels.
+        margin: Codes below the clip level that count as clipped.
+        high_key: Clipped fraction of the picture up to which skies and windows are light, and from which the
+            picture is paper, snow or a drawing.
+        black: Light of black pixels, which do not count for that.
+        flat: Fraction of equal neighbours from which a picture is a drawing or a screenshot.
+        bright: Light of the pixels that form a region.
+        area_gain: Radiance of a large light such as a sky or a window.
+        area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
+        area_gain_min: Minimum radiance measured so, with a hard clip and with a shoulder: what a shoulder
+            that ends below white clips is brighter than white.
+        area_gain_max: Maximum radiance measured by the sharpness of edges.
+        matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
+            shoulder that ends below white.
+        edge_blur: Light two pixels from an edge over that at one pixel, from which the point spread function
+            hides the radiance, partly and altogether.
+        min_edge_pixels: Minimum number of edge pixels for that.
+        edge_dark: Light of the dark side of an edge.
+        min_weight: Minimum weight of a region; regions below it stay unchanged.
+        fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
+            which it is.
+        fill: The same elsewhere.
+        surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
+        color_power: Exponent of the colour of the bright pixels around a large light.
+        far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
+        pooled_pixels: Pixels of all regions of a layer together that each region's own are added to, in the
+            farthest layer and elsewhere.
+        lamp_radius: Maximum radius of a lamp, fraction of the diagonal, if that is more than
+            ``lamp_radius_px``.
+        lamp_radius_px: The same, pixels.
+        lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
+        lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
+        max_depth_span: Nearness above that of a lamp from which a bright pixel belongs to something in front
+            of it, fraction of the range of the map.
+        night: Median light of the picture up to which small lights are lamps, and from which they are not.
+        sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
+        lamp_gain: Minimum and maximum radiance of a lamp without a halo.
+        max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
+        lamp_fraction: Fraction of the picture in lamps up to which they are lamps, and from which the
+            picture is white text on black.
+        lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
+        halo_level: Light down to which a halo is measured.
+        halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
+            a halo.
+        edge_width: The same growth of a sharp edge, pixels.
+        core_radius: Radius of the image of a point without its halo, pixels.
+        concentration: Exponent of the brightness with which the light of a lamp with a halo is distributed.
+        edge_power: Exponent of the clipped fraction of a pixel's neighbours with which the light of a lamp
+            without a halo is distributed.
+        diffraction: Wavelength times f-number, pixels.
+        surround_reach: Half-width of the surroundings, fraction of the diagonal.
+    """
+
+    lowest_level: int = 248
+    level_spread: int = 2
+    min_pile: float = 2.5
+    min_fraction: float = 2e-5
+    min_pixels: int = 8
+    margin: int = 3
+    high_key: tuple[float, float] = (0.45, 0.6)
+    black: float = 5e-4
+    flat: float = 0.88
+    bright: float = 0.5
+    area_gain: float = 7.0
+    area_sharp_gain: float = 4.0
+    area_gain_min: tuple[float, float] = (1.0, 3.0)
+    area_gain_max: float = 6.5
+    matter_sharpness: tuple[float, float] = (0.8, 0.6)
+    edge_blur: tuple[float, float] = (0.38, 0.5)
+    min_edge_pixels: int = 30
+    edge_dark: float = 0.15
+    min_weight: float = 0.1
+    fill_far: tuple[float, float] = (0.35, 0.5)
+    fill: tuple[float, float] = (0.8, 0.93)
+    surround: tuple[float, float] = (0.12, 0.3)
+    color_power: float = 2.0
+    far: float = 0.08
+    pooled_pixels: tuple[float, float] = (400.0, 150.0)
+    lamp_radius: float = 0.012
+    lamp_radius_px: float = 8.0
+    lamp_fill: tuple[float, float] = (0.1, 0.2)
+    lamp_surround: tuple[float, float] = (0.1, 0.2)
+    max_depth_span: float = 0.1
+    night: tuple[float, float] = (0.02, 0.035)
+    sharp_gain: float = 5.0
+    lamp_gain: tuple[float, float] = (6.0, 40.0)
+    max_lamp_gain: float = 80.0
+    lamp_fraction: tuple[float, float] = (0.04, 0.08)
+    lamp_share: tuple[float, float] = (0.2, 0.5)
+    halo_level: float = 0.2
+    halo_growth: tuple[float, float] = (0.05, 0.2)
+    edge_width: float = 0.3
+    core_radius: float = 0.9
+    concentration: float = 16.0
+    edge_power: float = 4.0
+    diffraction: float = 0.95
+    surround_reach: float = 0.03
+
+
+DEFAULT_CONFIG = LightConfig()

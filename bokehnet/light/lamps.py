@@ -1,0 +1,169 @@
+"""Small lights in dark surroundings: their flux from their halo or from the sharpness of their edges."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Mask, ramp
+from bokehnet.light.components import Components, connected_components
+from bokehnet.light.edges import edge_pixels, sharpness
+
+__all__ = ["add_lamps"]
+
+
+def add_lamps(picture: BrightPicture, result: Array) -> Mask:
+    """Add the missing light of lamps to ``result`` (H, W, 3), and return the mask of their pixels (H, W)."""
+    config = picture.config
+    used = np.zeros(picture.lowest.shape, bool)
+    night = float(ramp(picture.median, config.night[::-1]))
+    half = config.bright * picture.level
+    regions = connected_components(picture.highest >= half) if night > 0 else None
+    if regions is None or regions.count == 0:
+        return used
+    at = regions.rows, regions.columns
+    area = regions.sums()
+    clipped = regions.sums(picture.highest[at] >= picture.level)
+    weight = night * _lamp_weights(picture, regions, area, clipped)
+    if not weight.any():
+        return used
+    core = _core_nearness(picture, regions)
+    halo = _Halo.of(picture, regions, area, core)
+    is_lamp = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
+    centrality = _centrality(picture, regions, halo.weight)
+    color, edge = _edge_light(picture, regions, (weight > 0) & (halo.weight < 0.5))
+    sharp_flux = float(np.clip(config.sharp_gain * edge, *config.lamp_gain)) * clipped
+    for channel in range(3):
+        values = picture.image[(*at, channel)].astype(np.float64)
+        flux = halo.weight * halo.flux(picture, channel) + (1 - halo.weight) * color[:, channel] * sharp_flux
+        flux = np.minimum(flux, config.max_lamp_gain * clipped)
+        shape = is_lamp * centrality * np.clip((values - half) / (picture.level - half), 0, 1) ** 2
+        missing = np.maximum(flux * picture.level - regions.sums(values), 0)
+        missing *= weight * (regions.sums(values >= picture.level) > 0)
+        result[(*at, channel)] += (missing / np.maximum(regions.sums(shape), 1e-6))[regions.labels] * shape
+    used[at] = (weight > 0)[regions.labels]
+    return used
+
+
+def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, clipped: Floats) -> Floats:
+    """Return the certainty, 0 to 1, that bright regions are lamps in a picture of the night, (regions,)."""
+    config, at = picture.config, (regions.rows, regions.columns)
+    surround = regions.sums(picture.surround(*at)) / area
+    max_radius = max(config.lamp_radius * picture.diagonal, config.lamp_radius_px)
+    is_small = np.sqrt(area / np.pi) <= max_radius
+    small = float(clipped[is_small].sum())
+    share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
+    share = share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
+    # Bright matter of a saturated colour clips in one channel alone.
+    second = np.sort(picture.image[at], axis=-1)[:, 1]
+    is_light = is_small & (regions.sums(second >= picture.level) > 0)
+    certainty = ramp(clipped / area, config.lamp_fill) * ramp(surround, config.lamp_surround[::-1])
+    return np.asarray(share * is_light * certainty)
+
+
+def _core_nearness(picture: BrightPicture, regions: Components) -> Floats:
+    """Return the median relative nearness of the clipped pixels of each region, (regions,)."""
+    core = np.flatnonzero(picture.highest[regions.rows, regions.columns] >= picture.level)
+    labels, nearness = (
+        regions.labels[core],
+        picture.relative_nearness(regions.rows[core], regions.columns[core]),
+    )
+    order = np.lexsort((nearness, labels))
+    count = np.bincount(labels, minlength=regions.count)
+    middle = np.cumsum(count) - count + count // 2
+    result = np.zeros(regions.count)
+    known = count > 0
+    result[known] = nearness[order][middle[known]]
+    return result
+
+
+def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Floats:
+    """Return the weight of each pixel in the light of its lamp, largest in the middle of its core, (N,).
+
+    Edge pixels of a sharp lamp are clipped although it covers them in part: pixels count by their clipped
+    neighbours. The light of a point is where the least clipped channel is brightest.
+    """
+    clipped = np.pad(picture.highest >= picture.level, 1)
+    neighbors = np.zeros(len(regions.rows))
+    for down in range(3):
+        for right in range(3):
+            neighbors += clipped[regions.rows + down, regions.columns + right]
+    whole = picture.image[regions.rows, regions.columns].sum(-1, dtype=np.float64)
+    peak = np.zeros(regions.count)
+    np.maximum.at(peak, regions.labels, whole)
+    weight = halo[regions.labels]
+    point = (whole / peak[regions.labels]) ** (picture.config.concentration * weight)
+    return np.asarray(point * (neighbors / 9) ** (picture.config.edge_power * (1 - weight)))
+
+
+def _edge_light(picture: BrightPicture, regions: Components, is_lamp: Mask) -> tuple[Floats, float]:
+    """Return the colour of each light, (regions, 3), 1 in its brightest channel, and the sharpness of edges.
+
+    A light that covers a fraction of an edge pixel shows its own colour there unless a channel is clipped.
+    """
+    at = regions.rows, regions.columns
+    core = np.flatnonzero((picture.highest[at] >= picture.level) & is_lamp[regions.labels])
+    dark = picture.config.edge_dark * picture.level
+    index, rows, columns, *_ = edge_pixels(
+        picture.highest, picture.level, regions.rows[core], regions.columns[core], dark
+    )
+    around = picture.surround(rows, columns)[:, None] * picture.level
+    light = np.maximum(picture.image[rows, columns] - around, 0)
+    labels = regions.labels[core[index]]
+    sums = (
+        np.stack([np.bincount(labels, light[:, channel], regions.count) for channel in range(3)], -1) + 1e-3
+    )
+    return sums / sums.max(-1, keepdims=True), sharpness(light.max(-1) / picture.level)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Halo:
+    """Halos of small lights: the regions where light is above a low level.
+
+    Attributes:
+        wide: Regions above that level.
+        parent: Wide region of each light, (regions,).
+        portion: Portion of its wide region that belongs to each light, by area, (regions,).
+        weight: 1 for lights with the halo of a point of light, 0 for those with a sharp edge, (regions,).
+    """
+
+    wide: Components
+    parent: np.ndarray
+    portion: Floats
+    weight: Floats
+
+    @classmethod
+    def of(cls, picture: BrightPicture, regions: Components, area: Floats, core: Floats) -> "_Halo":
+        """Measure the halos of lights whose cores have the relative nearness ``core``, (regions,).
+
+        Bright matter in front of a light is no halo.
+        """
+        config = picture.config
+        wide = connected_components(picture.highest >= config.halo_level * picture.level)
+        index = np.full(picture.lowest.shape, -1, np.int32)
+        index[wide.rows, wide.columns] = wide.labels
+        first = np.unique(regions.labels, return_index=True)[1]
+        parent = index[regions.rows[first], regions.columns[first]]
+        portion = area / np.bincount(parent, area, wide.count)[parent]
+        radius = np.sqrt(area / np.pi)
+        wide_radius = np.sqrt(wide.sums()[parent] * portion / np.pi)
+        # A sharp edge widens by the pixel filter alone.
+        growth = (wide_radius - radius - config.edge_width) / np.maximum(radius, 0.5)
+        nearest = np.zeros(wide.count)
+        np.maximum.at(nearest, wide.labels, picture.relative_nearness(wide.rows, wide.columns))
+        is_free = nearest[parent] <= core + config.max_depth_span
+        return cls(wide, parent, portion, is_free * ramp(growth, config.halo_growth))
+
+    def flux(self, picture: BrightPicture, channel: int) -> Floats:
+        """Return the flux of each light in a channel, in pixels at the clip level, (regions,).
+
+        The diffraction halo of a point of flux F at radius r is F L / (pi^3 r^3), for L = wavelength times
+        f-number in pixels. The radius at which it falls to a level gives F.
+
+        Source:
+            Born and Wolf, "Principles of optics", 8.5.2: 2 L / (pi^2 r) of the light is outside radius r.
+        """
+        config = picture.config
+        above = picture.image[self.wide.rows, self.wide.columns, channel] >= config.halo_level * picture.level
+        radius = np.sqrt(self.wide.sums(above)[self.parent] * self.portion / np.pi)
+        radius = np.maximum(radius - config.core_radius, 0)
+        return np.asarray(config.halo_level * np.pi**3 / config.diffraction * radius**3)

@@ -1,0 +1,117 @@
+"""Recovery of the light that a display-referred picture has clipped."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.light.areas import add_areas
+from bokehnet.light.bright_picture import Array, BrightPicture
+from bokehnet.light.clip_level import ClipLevel, clip_levels
+from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
+from bokehnet.light.lamps import add_lamps
+
+__all__ = ["RecoveredLight", "recover_light"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecoveredLight:
+    """Picture with recovered light.
+
+    Attributes:
+        image: Scene-linear picture, (H, W, 3); the input itself if nothing was recovered.
+        fraction: Fraction of the pixels that were brightened.
+        largest: Largest estimated light, relative to the clip level; 1 if nothing was recovered.
+    """
+
+    image: Array
+    fraction: float = 0.0
+    largest: float = 1.0
+
+    @property
+    def note(self) -> str:
+        """Summary in a few words; empty if nothing was recovered."""
+        if not self.fraction:
+            return ""
+        percent = f"{100 * self.fraction:.2g}" if self.fraction >= 1e-4 else "under 0.01"
+        return f"{percent} % clipped, estimated up to {self.largest:.0f}x white"
+
+
+def recover_light(
+    image: Array,
+    nearness: Array | None = None,
+    strength: float = 1.0,
+    config: LightConfig = DEFAULT_CONFIG,
+) -> RecoveredLight:
+    """Estimate the radiance of clipped light and leave bright matter unchanged.
+
+    Args:
+        image: Scene-linear picture, (H, W, 3), decoded from display-referred values of 0 to 1.
+        nearness: Map in which near is large, such as disparity or signed defocus, (H, W); locates the
+            farthest layer, where skies are.
+        strength: Factor on the estimated light above the stored one.
+        config: Constants.
+
+    Examples:
+        >>> street = np.full((90, 120, 3), 0.004, np.float32)  # a lamp of 5x5 pixels at night
+        >>> street[40:45, 60:65] = 1
+        >>> recovered = recover_light(street)
+        >>> bool(recovered.image[42, 62].min() > 4), float(recovered.image[10, 10, 0]) == street[10, 10, 0]
+        (True, True)
+        >>> dark = np.full((90, 120, 3), 0.004, np.float32)
+        >>> recover_light(dark).image is dark
+        True
+    """
+    if strength <= 0 or image.size == 0 or not np.isfinite(image).all():
+        return RecoveredLight(image=image)
+    levels = _common_levels(image, config)
+    if levels is None or _is_drawing(image, levels.clipped, config):
+        return RecoveredLight(image=image)
+    picture, result = BrightPicture.of(image, nearness, levels, config), image.copy()
+    is_lamp = add_lamps(picture, result)
+    add_areas(picture, result, is_lamp)
+    brightened = result[..., 0] > image[..., 0]
+    for channel in (1, 2):
+        brightened |= result[..., channel] > image[..., channel]
+    if not brightened.any():
+        return RecoveredLight(image=image)
+    if strength != 1:
+        result = image + np.float32(strength) * (result - image)
+    return RecoveredLight(
+        image=result,
+        fraction=float(brightened.mean()),
+        largest=float(result[brightened].max() / levels.clipped),
+    )
+
+
+def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
+    """Return whether nearly all pixels between black and white equal both neighbours in their row.
+
+    Photographs have noise and shading; drawings and screenshots have flat colours.
+    """
+    rows = image[:: max(1, image.shape[0] // 500)]
+    equal = np.logical_and.reduce([rows[:, 1:, c] == rows[:, :-1, c] for c in range(3)])
+    highest = rows[:, 1:-1].max(-1)
+    is_shown = (highest > config.black) & (highest < level)
+    count = int(is_shown.sum())
+    return count == 0 or bool((equal[:, 1:] & equal[:, :-1])[is_shown].sum() > config.flat * count)
+
+
+def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
+    """Return the clip level of the whole picture; None unless at least two channels clip at the same one."""
+    levels = clip_levels(
+        image,
+        lowest=config.lowest_level,
+        min_pixels=max(config.min_pixels, int(config.min_fraction * image.shape[0] * image.shape[1])),
+        min_pile=config.min_pile,
+        margin=config.margin,
+    )
+    known = [level for level in levels if level is not None]
+    codes = [level.code for level in known]
+    if len(known) < 2 or max(codes) - min(codes) > config.level_spread:
+        return None
+    return ClipLevel(
+        code=min(codes),
+        clipped=min(level.clipped for level in known),
+        top=min(level.top for level in known),
+        shoulder=float(np.median([level.shoulder for level in known])),
+    )

@@ -1,0 +1,152 @@
+"""Blur strength where the settings have none, or a strength or an f-number in place of a blur radius.
+
+A relative map has no unit, so its blur radius per unit of disparity follows from an assumption: a fraction of
+the picture's size, or a full-frame camera at an assumed distance.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from bokehnet.io.window import Window
+from bokehnet.lenses import ThinLens
+from bokehnet.scene.camera import complete_camera, full_frame_camera, has_view
+from bokehnet.scene.depth.depth_source import DepthMap
+from bokehnet.settings.settings import CameraSettings
+
+__all__ = ["DEFAULT_STRENGTH", "completed_blur", "equivalent_f_number"]
+
+# Strength without any setting, and the largest blur radius at strength 100, relative to the longer side.
+DEFAULT_STRENGTH, _FULL_RADIUS = 50.0, 0.08
+
+# Full-frame focal length for a relative map of a picture without one, mm: a normal lens.
+_NORMAL_FOCAL_LENGTH = 50.0
+
+# Assumed distance of disparity 1, mm, and at least in focal lengths; disparity 0 is at infinity.
+_NEAREST_DISTANCE, _NEAREST_FOCAL_LENGTHS = 1000.0, 20.0
+
+# Percentiles of a metric map that count as its ends.
+_END_PERCENTILES = (2, 98)
+
+
+def completed_blur(
+    camera: CameraSettings, depth: DepthMap, near: float, far: float, window: Window
+) -> tuple[CameraSettings, tuple[str, ...]]:
+    """Return camera settings that define the blur, and the assumptions behind them.
+
+    A strength S, by default 50, makes the larger of the two blur radii at the farthest and the nearest point
+    S/100 of 8 % of the longer side, i.e. 4 % by default. An f-number of a relative map is that of a
+    full-frame camera with the nearest point at 1 m, or 20 focal lengths if that is farther, and the farthest
+    at infinity. A photo with its own metric depth but without an f-number gets the f-number of that strength.
+
+    Args:
+        camera: Camera settings.
+        depth: Depth map of the scene.
+        near: Largest disparity in focus, in the unit of the map.
+        far: Smallest disparity in focus.
+        window: Position of the map's pixels in the shown picture.
+
+    Examples:
+        >>> depth = DepthMap(values=np.eye(2, dtype=np.float32), kind="relative", origin="input.disparity")
+        >>> completed_blur(CameraSettings(), depth, 0.8, 0.8, Window.whole(1000, 500))[0].blur  # 40 px / 0.8
+        50.0
+        >>> settings, notes = completed_blur(
+        ...     CameraSettings(f_number=2), depth, 0.5, 0.5, Window.whole(1000, 500))
+        >>> round(settings.blur, 1), notes[0]
+        (16.6, 'f/2 as on full frame at 50 mm, nearest point at 1 m, focus at 2 m')
+    """
+    if depth.kind == "metric":
+        return _completed_aperture(camera, depth, near, far, window)
+    if camera.blur is not None:
+        return camera, ()
+    if camera.f_number is not None:
+        return _equivalent_blur(camera, depth, near, window)
+    longer_side = max(window.display_width, window.display_height)
+    strength = DEFAULT_STRENGTH if camera.strength is None else camera.strength
+    radius = strength / 100 * _FULL_RADIUS * longer_side
+    blur = radius / max(far, 1 - near, 0.5)
+    return replace(camera, blur=blur, strength=None), (() if camera.strength is not None else _DEFAULT_NOTE)
+
+
+def equivalent_f_number(
+    blur: float, camera: CameraSettings, depth: DepthMap, near: float, window: Window
+) -> float:
+    """Return the full-frame f-number whose blur of a relative map equals a blur radius; inverse of its blur.
+
+    Args:
+        blur: Blur radius per unit of disparity, pixels, above 0.
+        camera: Camera settings, whose focal length counts.
+        depth: Relative depth map of the scene.
+        near: Largest disparity in focus.
+        window: Position of the map's pixels in the shown picture.
+
+    Examples:
+        >>> depth = DepthMap(values=np.eye(2, dtype=np.float32), kind="relative", origin="input.disparity")
+        >>> window = Window.whole(1000, 500)
+        >>> blur = completed_blur(CameraSettings(f_number=2), depth, 0.5, 0.5, window)[0].blur
+        >>> round(equivalent_f_number(blur, CameraSettings(), depth, 0.5, window), 6)
+        2.0
+    """
+    unit = replace(camera, blur=None, strength=None, f_number=1.0)  # the blur is inverse to the f-number
+    full = _equivalent_blur(unit, depth, near, window)[0].blur
+    assert full is not None
+    return full / blur
+
+
+_DEFAULT_NOTE = (
+    f"blur up to {_FULL_RADIUS * DEFAULT_STRENGTH:.0f} % of the longer side "
+    f"(`camera.strength` {DEFAULT_STRENGTH:.0f})",
+)
+
+
+def _equivalent_blur(
+    camera: CameraSettings, depth: DepthMap, near: float, window: Window
+) -> tuple[CameraSettings, tuple[str, ...]]:
+    """Return the blur of a full-frame camera at the f-number of the settings."""
+    film = full_frame_camera(depth.camera, window.display_width, window.display_height)
+    assert camera.f_number is not None
+    assert film.sensor_width is not None
+    in_file = has_view(depth.camera)
+    length = camera.focal_length or (film.focal_length if in_file else None) or _NORMAL_FOCAL_LENGTH
+    nearest = max(_NEAREST_DISTANCE, _NEAREST_FOCAL_LENGTHS * length)
+    distance = nearest / near if near > 0 else math.inf
+    lens = ThinLens(focal_length=length, f_number=camera.f_number, focus_distance=distance)
+    radii = np.asarray(lens.coc_radius(np.array([[0.0, 1 / nearest]])))[0]  # mm, linear in disparity
+    blur = float(radii[1] - radii[0]) * window.display_width / film.sensor_width
+    focus = "infinity" if math.isinf(distance) else f"{distance / 1000:.2g} m"
+    note = (
+        f"f/{camera.f_number:g} as on full frame at {length:.3g} mm, "
+        f"nearest point at {nearest / 1000:.2g} m, focus at {focus}"
+    )
+    return replace(camera, blur=blur, f_number=None, focal_length=None), (note,)
+
+
+def _completed_aperture(
+    camera: CameraSettings, depth: DepthMap, near: float, far: float, window: Window
+) -> tuple[CameraSettings, tuple[str, ...]]:
+    """Return the settings with the f-number of the default strength if a photo with depth has none."""
+    in_file = None if depth.camera is None else depth.camera.f_number
+    if camera.f_number is not None or in_file is not None or not depth.fits_any_size:
+        return camera, ()
+    numbers = complete_camera(replace(camera, f_number=1.0), depth.camera, depth.origin)
+    low, high = np.percentile(depth.values, _END_PERCENTILES)
+    lens = ThinLens(focal_length=numbers.focal_length, f_number=1.0, focus_distance=_distance(far))
+    at_far = abs(float(np.asarray(lens.coc_radius(np.array([[min(low, far)]])))[0, 0]))
+    lens = ThinLens(focal_length=numbers.focal_length, f_number=1.0, focus_distance=_distance(near))
+    at_near = abs(float(np.asarray(lens.coc_radius(np.array([[max(high, near)]])))[0, 0]))
+    pixels = max(at_far, at_near) * window.display_width / numbers.sensor_width
+    longer_side = max(window.display_width, window.display_height)
+    radius = DEFAULT_STRENGTH / 100 * _FULL_RADIUS * longer_side
+    f_number = max(pixels / radius, _MIN_F_NUMBER)
+    note = f"f/{f_number:.2g} for a blur of up to 4 % of the longer side, as the file has no f-number"
+    return replace(camera, f_number=f_number), (note,)
+
+
+# Largest aperture that is assumed; a flat scene needs an infinite one for any blur.
+_MIN_F_NUMBER = 0.1
+
+
+def _distance(disparity: float) -> float:
+    """Return a distance in mm; infinity for disparity 0."""
+    return 1 / disparity if disparity > 0 else math.inf

@@ -1,0 +1,1 @@
+"""Uploaded files, and the archive of a session."""

@@ -1,0 +1,160 @@
+"""Small intact files of every kind that the program reads, written on demand."""
+
+import json
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.fuzz.commands import ZMX
+
+__all__ = ["REQUESTS", "write_seeds"]
+
+REQUESTS = (
+    {"camera": {"blur": 12}, "focus": {"value": 0.5}, "depth": {"repair": "off"}},
+    {"blur": 3, "focus": 0.2, "cats-eye": 0.5, "aperture": {"blades": 6, "curvature": 0.2}},
+    {"camera": {"f_number": 2, "focal_length": 50, "sensor_width": 36}, "focus": {"distance": 2}},
+)
+"""Settings of requests to the service."""
+
+CODEV = """RDM;LEN "Singlet"
+EPD 10
+DIM M
+WL 587.6
+YAN 0 5
+SO 0 1e10
+S 50 4 NBK7_SCHOTT
+STO
+S -50 45
+SI 0 0
+GO
+"""
+TABLE = "R,d,n,V,D\n50,4,1.5168,64.17,12\n-50,45,1,0,12\n"
+AGF = """CC fuzz
+NM N-BK7 2 517642.251 1.5168 64.17 0 1
+CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653
+LD 0.3 2.5
+"""
+PULL = "frame,blur,focus\n1,2,0.4\n2,3,0.5\n"
+SCENE = """[camera]
+width = 8
+height = 6
+focal_length = 50.0
+f_number = 4.0
+sensor_width = 36.0
+focus_distance = 2000.0
+
+[[spheres]]
+center = [0.0, 0.0, 2000.0]
+radius = 200.0
+"""
+
+
+def write_seeds(folder: Path) -> list[Path]:
+    """Write the seeds into an empty folder; kinds whose library is absent are left out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for write in (_pictures, _unusual_pictures, _photos, _texts, _archives, _videos, _networks):
+        try:
+            write(folder)
+        except ImportError:
+            continue
+    return sorted(path for path in folder.iterdir() if path.is_file())
+
+
+def _pictures(folder: Path) -> None:
+    from tests.unit.io.fuzz_readers import valid_files
+
+    valid_files(folder)
+
+
+def _unusual_pictures(folder: Path) -> None:
+    from tests.unit.io.unusual_files import MAKERS
+
+    rng = np.random.default_rng(0)
+    for number, make in enumerate((*MAKERS, *MAKERS)):
+        path = make(folder, rng)
+        path.rename(folder / f"unusual{number}{path.suffix}")
+
+
+def _photos(folder: Path) -> None:
+    from tests.unit.io import phone_files
+
+    stored = np.linspace(0, 255, 48 * 64).reshape(48, 64).astype(np.uint8)
+    for number, photo in enumerate((phone_files.gdepth_photo, phone_files.extended_gdepth_photo)):
+        made: Any = photo(stored, near=1, far=5)
+        data = made.read_bytes() if isinstance(made, Path) else bytes(made)
+        (folder / f"phone{number}.jpg").write_bytes(data)
+
+
+def _texts(folder: Path) -> None:
+    from bokehnet.lenses.catalog import catalog_names, find_prescription
+    from bokehnet.lenses.prescription_toml import prescription_toml
+
+    for name in catalog_names()[:3]:
+        (folder / f"lens_{name}.toml").write_text(prescription_toml(find_prescription(name)))
+    for name, text in {
+        "zemax.zmx": ZMX,
+        "codev.seq": CODEV,
+        "table.csv": TABLE,
+        "glass.agf": AGF,
+        "pull.csv": PULL,
+        "gains.txt": "1, 1, 0, 0, 3, 1, 1",
+        "scene.toml": SCENE,
+        "settings.toml": "[camera]\nblur = 20.0\n\n[aperture]\nblades = 6\ncats_eye = 0.5\n",
+        "look.toml": 'description = "A look"\n\ncats-eye = 0.4\nblades = 5\n',
+        "aberrations.csv": "wavelength,spherical,coma\n450,0.1,0.2\n650,0.3,0.1\n",
+    }.items():
+        (folder / name).write_text(text)
+
+
+def _archives(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "session.bokeh", "w", zipfile.ZIP_STORED) as archive:
+        table = {"format": 1, "picture": "photo.png", "settings": REQUESTS[0], "strokes": []}
+        archive.writestr("session.json", json.dumps(table))
+        archive.write(folder / "plain.png", "photo.png")
+    from bokehnet.lenses.lookup.lens_archive import write_archive
+    from bokehnet.lenses.prescription_file import read_prescription
+
+    lens = read_prescription(sorted(folder.glob("lens_*.toml"))[0])
+    numbers = {"sensor": 50.0, "sensor_radius": 20.0, "pupil_radius": 10.0}
+    coefficients = np.zeros((5, 15))
+    arrays = {"degree": 2, "dispersive": True, "coefficients": coefficients, **numbers}
+    write_archive(folder / "transfer.npz", "lens ray transfer function 1", lens, **arrays)
+
+
+def _videos(folder: Path) -> None:
+    import av
+
+    for name, codec, pixels in (
+        ("a.mp4", "mpeg4", "yuv420p"),
+        ("b.mkv", "ffv1", "yuv420p"),
+        ("c.mov", "mpeg4", "yuv420p"),
+    ):
+        with av.open(str(folder / name), "w") as container:
+            stream = container.add_stream(codec, rate=25)
+            stream.width, stream.height, stream.pix_fmt = 32, 24, pixels
+            for number in range(3):
+                values = np.full((24, 32, 3), 40 * number, np.uint8)
+                frame = av.VideoFrame.from_ndarray(values, "rgb24")
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+
+
+def _networks(folder: Path) -> None:
+    import onnx
+    from onnx import TensorProto, helper
+
+    picture = helper.make_tensor_value_info("image", TensorProto.FLOAT, (1, 3, "h", "w"))
+    depth = helper.make_tensor_value_info("depth", TensorProto.FLOAT, (1, 1, "h", "w"))
+    axes = helper.make_tensor("axes", TensorProto.INT64, (1,), [1])
+    node = helper.make_node("ReduceMean", ["image", "axes"], ["depth"])
+    graph = helper.make_graph([node], "mean", [picture], [depth], [axes])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)
+    onnx.save(model, str(folder / "mean.onnx"))
+
+
+def text_requests() -> Iterator[str]:
+    """Yield the JSON texts of :data:`REQUESTS`."""
+    yield from map(json.dumps, REQUESTS)

@@ -1,0 +1,93 @@
+"""Noise of maps: estimate and removal."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter, minimum_filter
+
+from bokehnet.depth_repair.config import RepairConfig
+from bokehnet.depth_repair.diagnosis import noise_level
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.depth_repair.stages.denoise import denoise_map
+from bokehnet.optics.encoding import encode
+
+
+def scene(height: int = 160, width: int = 224) -> tuple[np.ndarray, np.ndarray]:
+    """Return picture and map of discs of one colour in front of a slope of another."""
+    y, x = np.mgrid[:height, :width]
+    near = np.hypot(y % 64 - 32, x % 64 - 32) < 20
+    disparity = np.where(near, 0.9, 0.1 + 1e-3 * x).astype(np.float32)
+    image = np.where(near[..., None], [0.7, 0.3, 0.1], [0.1, 0.2, 0.4]).astype(np.float32)
+    return image, disparity
+
+
+def with_noise(disparity: np.ndarray, deviation: float) -> np.ndarray:
+    noise = np.random.default_rng(0).standard_normal(disparity.shape)
+    return (disparity + deviation * noise).astype(np.float32)
+
+
+@pytest.mark.parametrize("deviation", [0.002, 0.01, 0.05])
+@pytest.mark.parametrize("scale", [1, 3], ids=["small", "large"])
+def test_the_level_equals_the_standard_deviation_of_normal_noise(deviation, scale):
+    """Authority: the added noise."""
+    noisy = with_noise(np.kron(scene()[1], np.ones((scale, scale), np.float32)), deviation)
+    assert_allclose(noise_level(noisy) * np.ptp(noisy), deviation, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "degrade",
+    [
+        lambda d: d,
+        lambda d: gaussian_filter(d, 2),
+        lambda d: minimum_filter(d, 5),
+        lambda d: np.round(255 * d) / 255,
+        np.square,
+    ],
+    ids=["true", "blurred", "eroded", "8 bits", "squared"],
+)
+def test_maps_without_noise_are_not_noisy(degrade):
+    assert noise_level(degrade(scene()[1])) < RepairConfig().noise_range[0]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (31, 200), (200, 31)])
+def test_the_level_of_small_and_constant_maps_is_zero(shape):
+    assert noise_level(np.random.default_rng(0).random(shape, dtype=np.float32)) == 0
+    assert noise_level(np.full((64, 64), 0.5, np.float32)) == 0
+
+
+def test_denoising_equals_two_joint_bilateral_filters():
+    """Oracle: the formula of the docstring, window by window."""
+    rng = np.random.default_rng(0)
+    image, disparity = rng.random((9, 11, 3), np.float32), rng.random((9, 11), np.float32)
+    colors, expected = encode(image).astype(np.float64), disparity.astype(np.float64)
+    for deviation in (0.25, 0.125):
+        previous, expected = expected, np.empty_like(expected)
+        for y, x in np.ndindex(previous.shape):
+            window = slice(max(0, y - 3), y + 4), slice(max(0, x - 3), x + 4)
+            color_distance = ((colors[window] - colors[y, x]) ** 2).sum(-1) / 0.06**2
+            weight = np.exp(-0.5 * (color_distance + ((previous[window] - previous[y, x]) / deviation) ** 2))
+            expected[y, x] = (weight * previous[window]).sum() / weight.sum()
+    assert_allclose(denoise_map(image, disparity, 0.1), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("deviation", [0.01, 0.03])
+@pytest.mark.parametrize("mode", ["auto", "on"])
+def test_noisy_maps_are_restored(deviation, mode):
+    """Authority: the map before noise; at most a quarter of the noise remains, and all edges stay."""
+    image, disparity = scene()
+    noisy = with_noise(disparity, deviation)
+    repaired = DisparityRepair().repair(image, noisy, mode)
+    assert np.abs(repaired.disparity - disparity).mean() < 0.25 * np.abs(noisy - disparity).mean()
+    assert_array_equal(repaired.disparity > 0.6, disparity > 0.6)
+    assert "noise of" in repaired.reason
+    assert_allclose(repaired.plan.noise * np.ptp(noisy), deviation, rtol=0.05)
+
+
+def test_the_plan_of_a_shot_contains_the_noise():
+    image, disparity = scene()
+    noisy = with_noise(disparity, 0.01)
+    repair = DisparityRepair()
+    plan = repair.repair(image, noisy, "auto").plan
+    repaired = repair.repair(image, noisy, "auto", plan=plan)
+    assert repaired.plan == plan
+    assert_array_equal(repaired.disparity, repair.repair(image, noisy, "auto").disparity)

@@ -1,0 +1,139 @@
+"""Renders of a picture that the renderer knows, checked bit by bit against fresh renders."""
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.errors import ParameterError
+from bokehnet.render.picture_cache import PictureCache, array_digest
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.depth.depth_source import DefocusMap, MetricDepth, RelativeDisparity
+from bokehnet.scene.scene import make_scene
+from bokehnet.settings.settings import FocusSettings, RenderSettings
+
+HEIGHT, WIDTH = 64, 96
+SETTINGS = RenderSettings().updated({"camera": {"blur": 12}, "focus": {"value": 0.7}})
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Card in front of a texture, whose map lies four pixels beside the card."""
+    rng = np.random.default_rng(5)
+    image = rng.uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32) ** 2
+    image[16:48, 30:60] = (0.9, 0.1, 0.1)
+    values = np.full((HEIGHT, WIDTH), 0.1, np.float32)
+    values[16:48, 34:64] = 0.8
+    return make_scene(image, RelativeDisparity(map=values, as_stored=True))
+
+
+@pytest.fixture
+def repairs(monkeypatch):
+    """Return the list of maps that the repair receives."""
+    maps = []
+    repair = DisparityRepair.repair
+
+    def counted(self, image, disparity, *arguments, **keywords):
+        maps.append(disparity)
+        return repair(self, image, disparity, *arguments, **keywords)
+
+    monkeypatch.setattr(DisparityRepair, "repair", counted)
+    return maps
+
+
+@pytest.mark.parametrize("engine", ["rays", "scatter"])
+def test_another_focus_equals_a_fresh_render_without_another_repair(scene, repairs, engine):
+    renderer = BokehRenderer(engine)
+    renderer.render(scene, SETTINGS)
+    assert len(repairs) == 1
+    for focus in (0.1, 0.45):
+        again = renderer.render(scene, SETTINGS, focus=focus)
+        assert len(repairs) == 1
+        fresh = BokehRenderer(engine, cache_bytes=0).render(
+            scene, SETTINGS.updated({"focus": {"value": focus}})
+        )
+        assert_array_equal(again.bokeh, fresh.bokeh)
+        assert again.report == fresh.report
+        del repairs[1:]
+
+
+def test_a_focused_scene_focuses_again(scene, repairs):
+    renderer = BokehRenderer("scatter")
+    focused = renderer.prepare(scene, SETTINGS)
+    for one in (focused, pickle.loads(pickle.dumps(focused))):
+        moved = one.refocus(0.2).refocus(at=(45, 30))
+        fresh = renderer.prepare(scene, replace(SETTINGS, focus=FocusSettings(at=(45, 30))))
+        assert_array_equal(moved.defocus, fresh.defocus)
+        rendered = renderer.render(one, SETTINGS, focus=FocusSettings(at=(45, 30)))
+        assert_array_equal(rendered.defocus, fresh.defocus)
+    assert one.refocus().lens.subject is not None
+    assert len(repairs) == 1
+
+
+def test_metric_depth_focuses_again_in_metres():
+    depth = np.full((HEIGHT, WIDTH), 4.0, np.float32)
+    depth[:, :40] = 2
+    lens = {"camera": {"focal_length": 50, "f_number": 2, "sensor_width": 36}, "focus": {"distance": 4}}
+    settings, renderer = RenderSettings().updated(lens), BokehRenderer("scatter")
+    scene = make_scene(np.ones((HEIGHT, WIDTH, 3), np.float32), MetricDepth(map=depth))
+    assert renderer.prepare(scene, settings).refocus(2.0).lens.distance == pytest.approx(2)
+    assert renderer.render(scene, settings, focus=2.0).report.focus_distance == pytest.approx(2)
+
+
+def test_what_the_repair_depends_on_misses_the_cache(scene, repairs):
+    renderer = BokehRenderer("scatter")
+    renderer.render(scene, SETTINGS)
+    renderer.render(scene, SETTINGS.updated({"depth": {"repair": "on"}}))
+    assert len(repairs) == 2
+    image = scene.image.copy()
+    other = make_scene(image, RelativeDisparity(map=scene.depth.values, as_stored=True))
+    renderer.render(other, SETTINGS)  # equal arrays
+    assert len(repairs) == 2
+    other.image[5, 5] = 0
+    renderer.render(other, SETTINGS)  # changed in place
+    assert len(repairs) == 3
+
+
+def test_threads_and_pickles_render_the_same_bits(scene):
+    renderer = BokehRenderer("scatter")
+    values = [0.1, 0.3, 0.5, 0.7] * 2
+    expected = [renderer.render(scene, SETTINGS, focus=value).bokeh for value in values[:4]]
+    fresh = pickle.loads(pickle.dumps(renderer))
+    with ThreadPoolExecutor(4) as pool:
+        actual = list(pool.map(lambda value: fresh.render(scene, SETTINGS, focus=value).bokeh, values))
+    for index, bokeh in enumerate(actual):
+        assert_array_equal(bokeh, expected[index % 4])
+
+
+def test_the_cache_keeps_within_its_bound():
+    cache = PictureCache(10_000)
+    for index in range(6):
+        cache.get(index, lambda: np.zeros(1000, np.float32))
+        assert cache.nbytes <= 10_000
+    made = []
+    cache.get(5, lambda: made.append(5))  # the latest is kept
+    cache.get(0, lambda: made.append(0))
+    cache.get("large", lambda: np.zeros(10_000, np.float32))
+    cache.get("large", lambda: made.append("large"))
+    assert made == [0, "large"]
+
+
+def test_digests_depend_on_every_value_and_the_shape():
+    array = np.random.default_rng(0).uniform(size=(4, 6)).astype(np.float32)
+    changed = array.copy()
+    changed[3, 5] += 1e-6
+    digests = {array_digest(x) for x in (array, changed, array.reshape(6, 4), array.astype(np.float64))}
+    assert len(digests) == 4
+    assert array_digest(array[:, ::2]) == array_digest(array[:, ::2].copy())
+
+
+def test_scenes_that_cannot_focus_again_say_why(scene):
+    flat = make_scene(scene.image, DefocusMap(map=scene.depth.values))
+    with pytest.raises(ParameterError, match="already focused"):
+        BokehRenderer("scatter").prepare(flat).refocus(0.2)
+    with pytest.raises(ParameterError, match="keeps pictures"):
+        BokehRenderer("scatter", cache_bytes=0).prepare(scene, SETTINGS).refocus(0.2)

@@ -1,0 +1,1 @@
+"""Training examples: prepared pictures, crops, and errors of depth maps."""

@@ -1,0 +1,1 @@
+"""Steps of the recipe: plan, queue, jobs and progress."""

@@ -1,0 +1,1 @@
+"""Losses, metrics, evaluation sets and tables of scores."""
