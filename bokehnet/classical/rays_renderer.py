@@ -41,7 +41,7 @@ from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["CPU", "Device", "rays", "render_rays"]
+__all__ = ["CPU", "Device", "pupil_pattern", "rays", "render_rays"]
 
 
 class Device(NamedTuple):
@@ -75,7 +75,7 @@ _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pupil_pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rays of a pixel as points of one low-discrepancy sequence, so that any prefix is even.
 
     Returns:
@@ -218,8 +218,8 @@ class _Rays:
     """Rays of a render: pattern in the pupil, lens, and the pixels that they serve.
 
     Attributes:
-        points: See :func:`_pattern`.
-        weights: See :func:`_pattern`.
+        points: See :func:`pupil_pattern`.
+        weights: See :func:`pupil_pattern`.
         lens: Lens of the rays; ``None`` for a perfect one.
         fringes: Colour fringes, if the lens has nothing else.
         extents: Extents of the bundles of smooth tiles; ``None`` for a perfect lens.
@@ -286,7 +286,7 @@ def _make_rays(
     job: _Job, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
 ) -> _Rays:
     """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
-    points, weights, chances = _pattern(job.aperture)
+    points, weights, chances = pupil_pattern(job.aperture)
     response = job.lens_response
     if response is None or response.is_ideal:
         return _Rays(
