@@ -23,9 +23,9 @@ from bokehnet.io.image import check_extra_channels, check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
 from bokehnet.io.metadata.photo_metadata import Metadata, read_metadata
 from bokehnet.io.metadata.rendered_by import renderer_of
-from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.selection_notes import selection_notes
+from bokehnet.io.selection.notes import selection_notes
+from bokehnet.io.selection.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, part_of
 

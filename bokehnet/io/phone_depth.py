@@ -19,8 +19,8 @@ from bokehnet.io.depth.google_depth import google_depth
 from bokehnet.io.formats.heif import is_heif, read_heif_depth
 from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.metadata.xmp import jpeg_xmp
-from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile, apply_orientation
+from bokehnet.io.selection.picture import find_picture, read_light
 
 __all__ = ["PhoneDepth", "has_phone_depth", "read_phone_depth"]
 

@@ -15,9 +15,13 @@ from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.light.recovery import RecoveredLight, recover_light
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
+from bokehnet.render.exposure.supersampling import (
+    at_rendered_size,
+    rendered_surfaces,
+    settings_in_fine_pixels,
+)
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.picture_cache import PictureCache, array_digest
-from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
 from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic

@@ -22,10 +22,10 @@ from bokehnet.studio.export import render_file, with_painted_map
 from bokehnet.studio.files.archive import read_session, write_session
 from bokehnet.studio.files.uploads import safe_name
 from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
-from bokehnet.studio.panels import check_reachable, is_path
-from bokehnet.studio.preview import Previews
+from bokehnet.studio.panels.panels import check_reachable, is_path
+from bokehnet.studio.panels.wording import command_line, look_of, python_lines
+from bokehnet.studio.preview.preview import Previews
 from bokehnet.studio.strokes import Stroke
-from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]
 

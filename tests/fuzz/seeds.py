@@ -64,13 +64,13 @@ def write_seeds(folder: Path) -> list[Path]:
 
 
 def _pictures(folder: Path) -> None:
-    from tests.unit.io.fuzz_readers import valid_files
+    from tests.unit.io.fuzz.fuzz_readers import valid_files
 
     valid_files(folder)
 
 
 def _unusual_pictures(folder: Path) -> None:
-    from tests.unit.io.unusual_files import MAKERS
+    from tests.unit.io.fuzz.unusual_files import MAKERS
 
     rng = np.random.default_rng(0)
     for number, make in enumerate((*MAKERS, *MAKERS)):
@@ -79,7 +79,7 @@ def _unusual_pictures(folder: Path) -> None:
 
 
 def _photos(folder: Path) -> None:
-    from tests.unit.io import phone_files
+    from tests.unit.io.depth import phone_files
 
     stored = np.linspace(0, 255, 48 * 64).reshape(48, 64).astype(np.uint8)
     for number, photo in enumerate((phone_files.gdepth_photo, phone_files.extended_gdepth_photo)):

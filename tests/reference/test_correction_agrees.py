@@ -1,6 +1,7 @@
 """One correction by networks, written four times: for torch, whole, in strips, as one file. All must agree.
 
-Authority: ``bokehnet.coarse_to_fine.render_neural`` on the torch modules, which is what training validates.
+Authority: ``bokehnet.inference.coarse_to_fine.render_neural`` on the torch modules, which is what training
+validates.
 """
 
 import numpy as np
@@ -9,10 +10,10 @@ import torch
 
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.coarse_to_fine import render_neural
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
+from bokehnet.inference.coarse_to_fine import render_neural
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks

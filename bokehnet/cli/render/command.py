@@ -172,8 +172,8 @@ def _render_sequence(
     ensure_model(job.settings.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
-    from bokehnet.cli.render.cluster_frames import render_on_cluster
-    from bokehnet.cli.render.workers import render_frames  # keeps single pictures fast
+    from bokehnet.cli.render.shot.cluster_frames import render_on_cluster
+    from bokehnet.cli.render.shot.workers import render_frames  # keeps single pictures fast
 
     cluster = None if run.ray is None else partial(render_on_cluster, address=run.ray)
     with compile_notice(hidden=quiet):

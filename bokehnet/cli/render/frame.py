@@ -20,7 +20,7 @@ from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.image import read_image
 from bokehnet.progress import Progress, ignore_progress
-from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth

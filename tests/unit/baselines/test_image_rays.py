@@ -116,7 +116,7 @@ def test_a_picture_alone_has_nothing_behind_its_edges():
     assert np.array_equal(baselines.image_rays(seen, defocus, layers=flat), trace_height_fields(flat)[0])
 
 
-def test_what_is_wrong_is_told():
+def test_mistakes_are_reported_by_name():
     layers = two_layers(-1.0, 2.0, 9)
     with pytest.raises(ParameterError, match="walk"):
         trace_height_fields(layers, walk="straight")

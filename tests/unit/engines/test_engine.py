@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.engines import tiling
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.inference.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig

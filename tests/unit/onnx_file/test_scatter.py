@@ -26,7 +26,7 @@ def test_levels_are_those_of_the_package(call, height, width, radius):
     np.testing.assert_allclose(call(image, defocus), package_scatter(image, defocus), rtol=0, atol=2e-6)
 
 
-def test_lights_and_what_lies_in_shadow_stay_on_their_level(call):
+def test_lights_and_shadows_stay_on_their_level(call):
     """A pixel that outshines its tile keeps the rim of its disc; a tile at the border is a part of one."""
     image, defocus = 0.1 * picture(70, 93), np.full((70, 93), 25.0, np.float32)
     image[35, 40], image[69, 92] = 300, 80

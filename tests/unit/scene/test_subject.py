@@ -29,7 +29,7 @@ def ground_with(*boxes):
 
 
 @pytest.mark.parametrize("x", [20, 60, 100])
-def test_the_subject_stands_on_the_ground_and_the_ground_does_not_join(x):
+def test_the_subject_excludes_the_ground_it_stands_on(x):
     values = ground_with((x, 24, 25, 70))
     subject = find_subject(gray(), values)
     assert not subject.is_fallback

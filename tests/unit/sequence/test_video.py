@@ -267,7 +267,7 @@ def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeyp
     assert np.std([kept[t + 1] - kept[t] for t in (*range(5), *range(6, 11))]) < 0.2 * before
 
 
-def test_a_video_of_depth_of_another_length_is_told(tmp_path, capsys):
+def test_a_video_of_depth_of_another_length_is_reported(tmp_path, capsys):
     pictures, maps, _ = two_shots(4)
     write_video(tmp_path / "clip.mkv", pictures)
     write_video(tmp_path / "depth.mkv", maps[:3])
@@ -331,7 +331,7 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
         (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
     ],
 )
-def test_what_does_not_fit_a_video_is_told_in_a_line(tmp_path, capsys, monkeypatch, words, told):
+def test_options_that_do_not_fit_a_video_are_reported_in_one_line(tmp_path, capsys, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     make_clip(tmp_path / "clip.mp4", 2)
     before = (tmp_path / "clip.mp4").read_bytes()
@@ -344,7 +344,7 @@ def test_what_does_not_fit_a_video_is_told_in_a_line(tmp_path, capsys, monkeypat
     assert (tmp_path / "clip.mp4").read_bytes() == before
 
 
-def test_a_file_that_is_no_video_is_told_by_name(tmp_path):
+def test_a_file_without_video_is_reported_by_name(tmp_path):
     (tmp_path / "no.mp4").write_bytes(b"nothing of the kind")
     with pytest.raises(BokehnetError, match=r"no\.mp4: expected a video"):
         video_info(tmp_path / "no.mp4")

@@ -146,7 +146,7 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
 
 def test_max_memory_renders_in_strips_to_the_same_picture(folder, cli, monkeypatch):
     """Oracle: the whole picture at once, which needs 2 MB (70 bytes a pixel)."""
-    monkeypatch.setattr("bokehnet.render.memory_bounds.PROGRAM", 0)
+    monkeypatch.setattr("bokehnet.render.exposure.memory_bounds.PROGRAM", 0)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     write_image("tall.png", tall)
     write_map("tall_map.png", np.linspace(0, 1, 600 * 48).reshape(600, 48))
@@ -211,7 +211,7 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-4)  # focus: median of a patch
 
 
-def test_without_output_the_result_is_beside_the_picture_and_never_replaces_a_file(folder, cli):
+def test_without_output_the_result_is_next_to_the_picture_and_never_replaces_a_file(folder, cli):
     """Rule: photo_bokeh.png, then photo_bokeh_2.png; the same picture as with -o."""
     words = (*RELATIVE, *SCATTER, "--blur", 6, "--focus", 0.4, "-q")
     assert cli(*words, "-o", "wanted.png").code == 0

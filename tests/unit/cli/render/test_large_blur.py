@@ -38,7 +38,7 @@ def test_the_radius_that_settings_define(camera, focus, radius):
     assert largest_set_blur(RenderSettings().updated(table)) == radius
 
 
-def test_a_large_blur_warns_where_nobody_can_answer(folder, cli):
+def test_a_large_blur_warns_without_a_terminal(folder, cli):
     outcome = cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png")
     assert outcome.code == 0
     assert "blur up to 60 px, 94 % of the width: expect about 1 s" in outcome.err.splitlines()[0]

@@ -86,7 +86,7 @@ def test_commands_take_such_a_file_directly(put, cli):
     assert outcome.out.startswith("Doublet")
 
 
-def test_what_was_assumed_and_passed_over_is_said(put):
+def test_assumptions_and_ignored_values_are_reported(put):
     found = import_lens(put("a.zmx", ZMX))
     assert "___BLANK approximated by nd 1.62, Vd 36.3" in found.notes
     assert found.skipped["VERS"] == 1
@@ -105,7 +105,7 @@ def test_a_stop_on_a_surface_is_a_plane_at_its_vertex(put):
         assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
 
 
-def test_glass_comes_from_a_catalogue_beside_the_file(put):
+def test_glass_comes_from_a_catalogue_in_the_same_folder(put):
     """AGF formula 2 is Sellmeier's, so that this is N-BK7 by another name."""
     put(
         "mine.AGF",
