@@ -13,7 +13,7 @@ from bokehnet import baselines
 from bokehnet.baselines.apertures import psf_image, radius_ladder
 from bokehnet.baselines.gather.basic_gather import random_number
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
-from bokehnet.baselines.spread.lens_tables import _ladder, _tables
+from bokehnet.baselines.spread.lens_tables import _tables, defocus_ladder
 from bokehnet.baselines.spread.lommel_spots import WAVELENGTHS, lommel_table
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -293,7 +293,7 @@ def add(sums, table, y, x, light):
 
 def test_lommel_spreads_the_spot_of_each_channels_wavelength():
     image, defocus = (array[:11, :13] for array in scene())
-    radii = radius_ladder(float(np.abs(defocus).max()))
+    radii = radiusdefocus_ladder(float(np.abs(defocus).max()))
     wanted = np.empty(image.shape)
     for channel, wavelength in enumerate(WAVELENGTHS):
         unit = wavelength * 2.8 / 5.0
@@ -316,7 +316,7 @@ def test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere
         if abs(grey[y, x] - around.mean()) > threshold:
             outlined += 1
             side = 1 if defocus[y, x] > 0 else -1
-            radii = radius_ladder(max(0.0, float((side * defocus).max())))
+            radii = radiusdefocus_ladder(max(0.0, float((side * defocus).max())))
             for k, share in mixed(radii, radius) if len(radii) > 1 else ((0, 1.0),):
                 if share > 0:
                     add(sums, psf_image(Aperture(), float(radii[k]), side)[..., None], y, x, share * light)
@@ -337,7 +337,7 @@ def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
     response = LensResponse(chromatic_aberration=ChromaticAberration(axial=1, lateral=1))
     height, width = defocus.shape
     columns, rows = np.array([0.0, 8, 16, 24]), np.array([0.0, 8, 16])
-    ladder = _ladder(float(defocus.min()), float(defocus.max()))
+    ladder = defocus_ladder(float(defocus.min()), float(defocus.max()))
     lights = np.ones((len(ladder) * 12, 8))
     lights[:, :3] = [(column, row, rung) for rung in ladder for row in rows for column in columns]
     tables, starts, halves = _tables(Aperture(), response, lights, (height, width))
