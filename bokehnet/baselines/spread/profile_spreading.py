@@ -6,8 +6,8 @@ symmetric image of the point, one for each step of a ladder of defocus.
 Faults: no change over the field, so neither cat's-eye, coma nor lateral colour; foreground and background mix
     without order.
 
-Source: Jeong, "Efficient and expressive rendering for real-time defocus blur and bokeh", dissertation, 5.2 and
-5.3, where highlights alone are drawn with the texture.
+Source: Jeong, "Efficient and expressive rendering for real-time defocus blur and bokeh", dissertation,
+5.2 and 5.3, where highlights alone are drawn with the texture.
 """
 
 import numpy as np

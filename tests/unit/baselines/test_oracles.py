@@ -293,7 +293,7 @@ def add(sums, table, y, x, light):
 
 def test_lommel_spreads_the_spot_of_each_channels_wavelength():
     image, defocus = (array[:11, :13] for array in scene())
-    radii = radiusdefocus_ladder(float(np.abs(defocus).max()))
+    radii = radius_ladder(float(np.abs(defocus).max()))
     wanted = np.empty(image.shape)
     for channel, wavelength in enumerate(WAVELENGTHS):
         unit = wavelength * 2.8 / 5.0
@@ -316,7 +316,7 @@ def test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere
         if abs(grey[y, x] - around.mean()) > threshold:
             outlined += 1
             side = 1 if defocus[y, x] > 0 else -1
-            radii = radiusdefocus_ladder(max(0.0, float((side * defocus).max())))
+            radii = radius_ladder(max(0.0, float((side * defocus).max())))
             for k, share in mixed(radii, radius) if len(radii) > 1 else ((0, 1.0),):
                 if share > 0:
                     add(sums, psf_image(Aperture(), float(radii[k]), side)[..., None], y, x, share * light)
