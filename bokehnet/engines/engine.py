@@ -334,13 +334,13 @@ class Engine:
         is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
-        if memory is None and is_indivisible:
-            return [None]
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         max_ray_reach = None
-        if self.classical_name == "rays":
+        if self.classical_name == "rays":  # raises for an impossible tilt
             max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
+        if memory is None and is_indivisible:
+            return [None]
         if memory is None:
             reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0

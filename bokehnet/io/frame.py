@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.color.camera_spaces import INPUT_COLOR_SPACES
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
-from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.color.file_color import FILM_FORMATS, file_color_space
 from bokehnet.io.exr_splice import write_replaced
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.formats.encode import check_readable
@@ -83,7 +84,7 @@ class Frame:
     def is_display_referred(self) -> bool:
         """True for a photograph in whole numbers whose white is 1, so that brighter light is clipped."""
         curves = {curve.kind for curve in self.space.curves}
-        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg"))
+        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg", "log"))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -93,22 +94,28 @@ class Frame:
         return (*self.choices, *filter(None, [profile, gain_map]), *self.metadata.omitted)
 
 
-def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
+def read_frame(path: Path | str, progress: Progress | None = None, color_space: str = "auto") -> Frame:
     """Read a picture with alpha, camera, colour space and metadata.
 
     Unlike :func:`bokehnet.io.image.read_image` it keeps the primaries of the file: no colour is out of gamut
     and negative, and a result written in the same space keeps untouched pixels unchanged.
 
     Args:
-        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF, without
-            camera.
+        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR, PFM, DPX or Cineon file; HEIC and HEIF,
+            without camera.
         progress: Progress callback.
+        color_space: ``"auto"`` for the space that the file names, or one of ``INPUT_COLOR_SPACES``, which
+            replaces it.
 
     Raises:
         ImageFileError: The file cannot be read, has no colours, its colours or alpha hold NaN or infinity,
             or the kind of its colour profile is unsupported.
+        ParameterError: The colour space is unknown, or replaces that of a HEIC file.
     """
+    check_choice("color_space", color_space, ("auto", *INPUT_COLOR_SPACES))
     if is_heif(path):
+        if color_space != "auto":
+            raise ParameterError("input.color_space", "auto for HEIC, which names its own", color_space)
         heif = read_heif(path)
         height, width = heif.image.shape[:2]
         gain_map, gain_map_error = _gain_map(Path(path), 1, heif.metadata)
@@ -127,7 +134,11 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
     with ImageFile(path, progress) as file:
         picture = find_picture(file)
         metadata = read_metadata(file.path, file.file_format)
-        space = file_color_space(file, picture.part, metadata.exif)
+        own = color_space == "auto"
+        space = (
+            file_color_space(file, picture.part, metadata.exif) if own else INPUT_COLOR_SPACES[color_space]
+        )
+        film = own and file.file_format in FILM_FORMATS
         image, alpha = read_light_and_alpha(file, picture, space)
         attributes = file.attributes(picture.part)
         height, width = image.shape[:2]
@@ -145,6 +156,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
                 path=file.path,
+                choices=(f"its colours are read as {space.name}, as its header says",) if film else (),
                 gain_map=gain_map,
                 gain_map_error=gain_map_error,
             )

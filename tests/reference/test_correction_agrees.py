@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
@@ -26,6 +26,11 @@ TOLERANCE = 4e-6
 
 # Pixels. Of the largest blurs below one is trusted, one in part, one not at all.
 TRUSTED = 24.0
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 def random_networks() -> tuple[ARNet, IUNet]:
@@ -67,7 +72,7 @@ def one_file(weights):
 
 def in_torch(image, defocus, arnet, iunet=None):
     """Blend, error map and classical render, (H, W, C), of the way that training takes."""
-    classical, classical_error_map = scatter(image, defocus), geometric_error_map(defocus)
+    classical, classical_error_map = scatter_of(image, defocus), geometric_error_map(defocus)
     batch = [
         torch.from_numpy(np.atleast_3d(x)).permute(2, 0, 1)[None]
         for x in (image, defocus, classical, classical_error_map)

@@ -52,11 +52,10 @@ def merge_lights(
         positions: Positions, mm, (N, 3).
         lights: Light of each, (N, 3).
         count: Number of area sources, at least 1.
-        seed: Seed of the first centres.
+        seed: Seed of the first centre; the others are far apart.
     """
     check_whole("count", count, 1)
-    rng = np.random.default_rng(seed)
-    centers = positions[rng.permutation(len(positions))[:count]]
+    centers = positions[_far_apart(positions, min(count, len(positions)), np.random.default_rng(seed))]
     labels = np.zeros(len(positions), int)
     for _ in range(_ITERATIONS):
         labels = ((positions[:, None] - centers[None]) ** 2).sum(-1).argmin(1)
@@ -76,6 +75,16 @@ def merge_lights(
         light = lights[members].sum(0)
         sources.append(AreaSource(position=mean, light=light, radius=float(np.sqrt(2 * spread))))
     return sources, np.searchsorted(numbers, labels)
+
+
+def _far_apart(positions: np.ndarray, count: int, rng: np.random.Generator) -> list[int]:
+    """Return indices of positions, each the farthest from those before it, the first at random."""
+    chosen = [int(rng.integers(len(positions)))]
+    distance = ((positions - positions[chosen[0]]) ** 2).sum(1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, ((positions - positions[chosen[-1]]) ** 2).sum(1))
+    return chosen
 
 
 def visibility_blur(source_radius: float, source_distance: float, blocker_distance: float) -> float:
@@ -132,7 +141,8 @@ def splat_sources(
             reach = visibility_blur(source.radius, float(source.position[2]), mean) / lens_radius * cells / 2
             visible = _disc_mean(visible, reach)
         column, row, radius = blur(source.position)
-        _add_sprite(picture, visible, source.light, column, row, radius)
+        side = blur(source.position + np.array([source.radius, 0.0, 0.0]))[0] - column
+        _add_sprite(picture, visible, source.light, column, row, radius, abs(side))
     return picture
 
 
@@ -149,11 +159,17 @@ def _disc_mean(values: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _add_sprite(
-    picture: np.ndarray, visible: np.ndarray, light: np.ndarray, column: float, row: float, radius: float
+    picture: np.ndarray,
+    visible: np.ndarray,
+    light: np.ndarray,
+    column: float,
+    row: float,
+    radius: float,
+    spread: float,
 ) -> None:
-    """Add the disc of a light, through its visibility map, to the picture."""
+    """Add the disc of a source, through its visibility map and spread by its own image, to the picture."""
     height, width = picture.shape[:2]
-    half = int(np.ceil(abs(radius))) + 1
+    half = int(np.ceil(abs(radius) + spread)) + 1
     rows = np.arange(max(0, int(row) - half), min(height, int(row) + half + 1))
     columns = np.arange(max(0, int(column) - half), min(width, int(column) + half + 1))
     if not len(rows) or not len(columns):
@@ -163,4 +179,6 @@ def _add_sprite(
     cells = len(visible)
     at = [np.clip(((part + 1) / 2 * cells).astype(int), 0, cells - 1) for part in (y, x)]
     sprite = np.where(inside, visible[at[0], at[1]], 0) / (np.pi * radius**2)
+    if spread > 0.5:
+        sprite = _disc_mean(sprite, spread)
     picture[np.ix_(rows, columns)] += sprite[..., None] * light

@@ -93,13 +93,10 @@ def render(
     if sequence.frames is None:
         from bokehnet.cli.commands.models import ensure_depth
         from bokehnet.cli.render.checks import check_inputs, check_job
-        from bokehnet.cli.render.large_blur import confirm_set_blur
 
         _check_single(Path(image), sequence, run)
         check_job(Path(image), target, resolved)
-        window = check_inputs(Path(image), resolved)
-        if not quiet:
-            confirm_set_blur(resolved, window)
+        check_inputs(Path(image), resolved)
         ensure_depth(Path(image), resolved)
     # Kernels are imported from here on.
     from bokehnet.cli.render.frame import FrameJob

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.io.color.srgb import luminance
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
@@ -14,6 +14,11 @@ HALF = 2**-11  # relative rounding error of the half floats in the EXR that is w
 EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow
 WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
 SCATTER = [*WORDS, "--engine", "scatter"]
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture
@@ -32,9 +37,9 @@ def assert_rendered_with(cli, options, aperture):
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = (9 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
     image = read_image("photo.png")
-    assert_allclose(read_image("out.exr"), scatter(image, defocus, aperture), rtol=HALF, atol=1e-5)
+    assert_allclose(read_image("out.exr"), scatter_of(image, defocus, aperture), rtol=HALF, atol=1e-5)
     if not aperture.is_disc:
-        assert np.abs(read_image("out.exr") - scatter(image, defocus)).max() > 0.01
+        assert np.abs(read_image("out.exr") - scatter_of(image, defocus)).max() > 0.01
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -23,6 +23,11 @@ RELATIVE = (*MAP, "--blur", 6)
 CAMERA = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
 METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA, *EXACT)
 X, Y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture
@@ -154,7 +159,7 @@ def test_rays_make_the_discs_conic_and_the_scatter_leaves_them_round(folder, cli
     for engine in ("rays", "scatter"):
         assert cli(*MAP, "--blur", 18, *lean, "--engine", engine, "-o", "out.exr").code == 0
         pictures[engine] = read_image("out.exr")
-    assert_allclose(pictures["scatter"], scatter(picture, defocus), rtol=HALF, atol=1e-4)
+    assert_allclose(pictures["scatter"], scatter_of(picture, defocus), rtol=HALF, atol=1e-4)
     conic = rays(picture, defocus, lens_response=LensResponse(aberration_map=plane_aberration_map(plane, 18)))
     near = np.isclose(pictures["rays"], conic, rtol=HALF, atol=1e-4)
     assert (~near).mean() < 0.002  # where rounding puts a step of the defocus beyond a threshold
@@ -218,7 +223,7 @@ def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words
 
 
 def test_a_plane_tilted_beyond_all_rays_is_reported(fails):
-    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45, "-q")
+    words = (*MAP, "--blur", 60, "--focus", 0.5, "--tilt-x", 45)
     fails(words, "error: --tilt-x: expected a defocus that changes by up to", "tilt less or blur less")
 
 

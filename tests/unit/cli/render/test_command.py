@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engine_registry import ENGINES
 from bokehnet.io.image import read_image, write_image, write_map
@@ -19,6 +19,11 @@ SCATTER = ("--engine", "scatter")
 EXACT = ("--repair-disparity", "off")  # the picture is noise, nothing to follow
 RELATIVE = ("render", "photo.png", "--disparity", "disparity.png", *EXACT)
 METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA, *EXACT)
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture
@@ -44,7 +49,7 @@ def test_disparity_blur_and_focus_give_the_scatter_of_the_bokehme_formula(render
     bokeh, defocus = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
     wanted = (6 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
     assert_allclose(defocus, wanted, atol=1e-6)
-    assert_allclose(bokeh, scatter(read_image("photo.png"), wanted), rtol=HALF, atol=1e-5)
+    assert_allclose(bokeh, scatter_of(read_image("photo.png"), wanted), rtol=HALF, atol=1e-5)
 
 
 @pytest.mark.parametrize(("pixel", "focus"), [("0,0", 0.0), ("30,5", 102 / 255), ("63, 39", 1.0)])

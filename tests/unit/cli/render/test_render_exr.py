@@ -5,7 +5,7 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity, read_map
 
@@ -13,6 +13,11 @@ WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 FAST = ("--engine", "scatter", "--repair-disparity", "off")
 DEPTH = ("render", "camera.exr", "--depth", "camera.exr", *FAST, "-o", "out.exr", "--save-maps", "maps")
 LENS = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture
@@ -169,9 +174,9 @@ def test_alpha_is_spread_as_the_light_is_and_other_channels_pass_through(folder,
     for name in ("Z", "matte"):
         assert_array_equal(after[name], before[name])
     defocus = read_map("maps/defocus.exr")
-    wanted = scatter(np.repeat(alpha[..., None], 3, -1), defocus)[..., 0]
+    wanted = scatter_of(np.repeat(alpha[..., None], 3, -1), defocus)[..., 0]
     assert_allclose(after["A"], wanted, atol=1e-6)
-    assert_allclose(after["G"], scatter(light, defocus)[..., 1], atol=1e-6)
+    assert_allclose(after["G"], scatter_of(light, defocus)[..., 1], atol=1e-6)
     assert after["A"][8, 30] > 0.01
     assert cli(*words, "-o", "out.png").code == 0
     assert oiio.ImageBuf("out.png").spec().nchannels == 4

@@ -21,3 +21,11 @@ def test_5_6_and_5_9_are_solved():
             focus = equivalent_focus(distance, 1500.0, reference, focal, radius, at)
             wanted = circle_of_confusion(distance, 1500.0, at or focal, radius)
             assert circle_of_confusion(reference, focus, focal, radius) == pytest.approx(wanted)
+
+
+def test_5_8_has_no_axial_colour_in_focus():
+    """Authority: two thin lenses of 50 and 50.6 mm on one sensor."""
+    focus, radius = 1500.0, 12.5
+    assert circle_of_confusion(focus, focus, 50.6, radius) == 0
+    sensor, image = image_distance(focus, 50.0), image_distance(focus, 50.6)
+    assert abs(radius * (sensor / image - 1)) > 0.1  # mm
