@@ -25,7 +25,8 @@ class EngineSpec:
         traces_rays: Whether pupil rays are traced, so that aberrations, colour fringes and occluded
             surfaces are rendered.
         sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
-            correction has to suppress (:func:`bokehnet.coarse_to_fine.suppress_foreground_outlines`).
+            correction has to suppress (by
+            :func:`bokehnet.inference.coarse_to_fine.suppress_foreground_outlines`).
         strip_halo: Rows around a strip on which its result depends, in units of the blur radius.
         bytes_per_pixel: Peak memory per pixel of a strip, beyond input and output.
         in_strips: Whether large pictures can be rendered in strips under ``max_memory``.

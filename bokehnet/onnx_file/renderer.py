@@ -20,7 +20,7 @@ from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.rays import render_rays
-from bokehnet.onnx_file.scatter import scatter
+from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
@@ -110,10 +110,9 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     linear = gamma.reshape(1).equals(1)
 
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
+    blurred = scatter_beyond(g, encoded, defocus)
     if traces_rays:
-        blurred = _traced(g, image, defocus, _scatter_beyond(g, encoded, defocus), gamma)
-    else:
-        blurred = scatter(g, encoded, defocus)
+        blurred = _traced(g, image, defocus, blurred, gamma)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
@@ -137,21 +136,6 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     model = g.model({"bokeh": (bokeh, ["height", "width", 3])}, **about)
     onnx.checker.check_model(model, full_check=True)
     return model
-
-
-def _scatter_beyond(g: Graph, image: Value, defocus: Value) -> Value:
-    """Scatter a picture that continues beyond its border with its border pixels, as the rays do."""
-    reach = g.op("Ceil", abs(defocus).max()).astype(np.int64)
-    reach = g.minimum(reach, g.maximum(defocus.size(0), defocus.size(1)))
-    larger = [image, defocus]
-    for axis in (0, 1):
-        size = defocus.size(axis)
-        at = g.minimum(g.maximum(g.count_up(size + reach * 2) - reach, 0), size - 1)
-        larger = [larger[0].take(at, axis + 1), larger[1].take(at, axis)]
-    bokeh = scatter(g, larger[0], larger[1])
-    for axis in (0, 1):
-        bokeh = bokeh.cut(axis + 1, reach, reach + defocus.size(axis))
-    return bokeh
 
 
 def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value) -> Value:
