@@ -2,8 +2,8 @@
 
 Three bars at different depths stand before a wall in focus. Given are the sharp picture, the wall behind
 the bars, the outlines of the bars, and the picture with bokeh, which the rays of the package render from the
-true layers. The descent estimates the blur radius of every bar and of the wall at its left and right end, once with
-a renderer without occlusion (``scatter``) and once with it (``layered``)::
+true layers. The descent estimates the blur radius of every bar and of the wall at its left and right end,
+once with a renderer without occlusion (``scatter``) and once with it (``layered``)::
 
     python examples/depth_through_occlusion.py
 """
