@@ -144,7 +144,7 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
                 path=file.path,
-                choices=(f"its colours are read as {space.name}, as its header says",) if film else (),
+                choices=_color_notes(attributes, space.name if film else ""),
             )
         state = file.path.stat()
         origin = _Origin(
@@ -161,6 +161,16 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
             choices=selection_notes(file, picture),
             _origin=None if picture.part.deep else origin,  # a blurred picture has no deep samples to store
         )
+
+
+def _color_notes(attributes: Mapping[str, Any], film_space: str) -> tuple[str, ...]:
+    """Return notes on colours that the header alone defines, or that the decoder converts."""
+    notes = []
+    if film_space:
+        notes.append(f"its colours are read as {film_space}, as its header says")
+    if "CMYK" in (attributes.get("jpeg:ColorSpace"), attributes.get("tiff:ColorSpace")):
+        notes.append("its CMYK inks are converted without a profile; convert it to sRGB for exact colours")
+    return tuple(notes)
 
 
 def without_origin(frame: Frame) -> Frame:
