@@ -102,6 +102,11 @@ class OutputSettings(Group):
     dither: Switch = setting(
         "on", "Dithering when rounding to 8 bits, which avoids banding in gradients: on (default) or off."
     )
+    shoulder: Switch = setting(
+        "off",
+        "Soft shoulder for light above white in files of 8 to 16 bits: on compresses it to its square root, "
+        "so that discs of lamps keep colour; off (default) clips each channel, as cameras do.",
+    )
     save_maps: Path | None = setting(
         None,
         "Folder for intermediate results: the settings, and images of the defocus, error map, classical and "
