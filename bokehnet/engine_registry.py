@@ -55,6 +55,7 @@ _RAYS = EngineSpec(
     traces_rays=True,
     strip_halo=2,  # rays cross one radius, occluded background is inpainted from one more
     bytes_per_pixel=156,
+    one_file=True,
 )
 _SCATTER = EngineSpec(
     name="scatter",
@@ -71,7 +72,9 @@ ENGINES: dict[str, EngineSpec] = {
     for spec in (
         _RAYS,
         _SCATTER,
-        replace(_RAYS, name="hybrid", about="rays, corrected by a network", networks="hybrid"),
+        replace(
+            _RAYS, name="hybrid", about="rays, corrected by a network", networks="hybrid", one_file=False
+        ),
         replace(
             _SCATTER,
             name="neural",

@@ -20,6 +20,7 @@ from bokehnet.io.formats.encode import check_readable
 from bokehnet.io.formats.heif import is_heif, read_heif
 from bokehnet.io.formats.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.formats.store import SourceFile, store_picture
+from bokehnet.io.gain_map import GainMap, read_gain_map
 from bokehnet.io.image import check_extra_channels, check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
 from bokehnet.io.metadata.photo_metadata import Metadata, read_metadata
@@ -61,6 +62,8 @@ class Frame:
             recognises it, or None.
         path: Path of the file; None for arrays.
         choices: One line for each selection among several pictures of the file.
+        gain_map: Gain map inside a JPEG file, or None.
+        gain_map_error: Reason why a gain map in the file is ignored; empty otherwise.
     """
 
     image: NDArray[np.float32]
@@ -73,6 +76,8 @@ class Frame:
     renderer: str | None = None
     path: Path | None = None
     choices: tuple[str, ...] = ()
+    gain_map: GainMap | None = field(default=None, repr=False)
+    gain_map_error: str = ""
     _origin: _Origin | None = field(default=None, repr=False)
 
     @property
@@ -85,7 +90,8 @@ class Frame:
     def notes(self) -> tuple[str, ...]:
         """Selections, unsupported profiles and content omitted from a result, one line each."""
         profile = f"{self.space.note} is not followed" if self.space.note else ""
-        return (*self.choices, *filter(None, [profile]), *self.metadata.omitted)
+        gain_map = f"the gain map is ignored: {self.gain_map_error}" if self.gain_map_error else ""
+        return (*self.choices, *filter(None, [profile, gain_map]), *self.metadata.omitted)
 
 
 def read_frame(path: Path | str, progress: Progress | None = None, color_space: str = "auto") -> Frame:
@@ -135,6 +141,7 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
         height, width = image.shape[:2]
         if file.headers is None:
             camera = camera_from_exif(attributes, width, height)
+            gain_map, gain_map_error = _gain_map(file, picture, metadata)
             return Frame(
                 image=image,
                 alpha=alpha,
@@ -145,6 +152,8 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
                 metadata=metadata,
                 path=file.path,
                 choices=_color_notes(attributes, space.name if film else ""),
+                gain_map=gain_map,
+                gain_map_error=gain_map_error,
             )
         state = file.path.stat()
         origin = _Origin(
@@ -171,6 +180,16 @@ def _color_notes(attributes: Mapping[str, Any], film_space: str) -> tuple[str, .
     if "CMYK" in (attributes.get("jpeg:ColorSpace"), attributes.get("tiff:ColorSpace")):
         notes.append("its CMYK inks are converted without a profile; convert it to sRGB for exact colours")
     return tuple(notes)
+
+
+def _gain_map(file: ImageFile, picture: Picture, metadata: Metadata) -> tuple[GainMap | None, str]:
+    """Return the gain map of a JPEG file, and the reason why a damaged one is ignored."""
+    if file.file_format != "jpeg":
+        return None, ""
+    try:
+        return read_gain_map(file.path, picture.part.orientation, metadata.exif), ""
+    except ImageFileError as problem:
+        return None, str(problem).removeprefix(f"{file.path}: ")
 
 
 def without_origin(frame: Frame) -> Frame:

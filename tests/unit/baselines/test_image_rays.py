@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
-from bokehnet.baselines.rays.height_field import walk_corners, walk_edges
+from bokehnet.baselines.rays.height_field import walk_corners, walk_edges, walk_runs
 from bokehnet.baselines.rays.image_based_rays import trace_height_fields
 from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.errors import ParameterError, ShapeError
 
-WALKS = {"edges": walk_edges, "corners": walk_corners}
+WALKS = {"edges": walk_edges, "corners": walk_corners, "runs": walk_runs}
 
 
 def first_square(z, start, end, slack):
@@ -38,7 +38,7 @@ def first_square(z, start, end, slack):
 
 
 @pytest.mark.parametrize("walk", WALKS)
-def test_both_walks_find_the_first_square(walk):
+def test_all_walks_find_the_first_square(walk):
     rng = np.random.default_rng(3)
     z = np.sort(rng.random((9, 11, 3)), 2)
     count = np.full((9, 11), 3)

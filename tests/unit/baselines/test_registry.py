@@ -35,6 +35,9 @@ ORACLES = {
     "perimeter": "spread.test_spreading.test_perimeter_spreads_the_whole_image_of_the_opening",
     "hybrid_spreading": "test_oracles."
     "test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere",
+    "spread_intervals": "spread.test_layered_spreading.test_intervals_are_spread_and_composited",
+    "spread_pixel_layers": "spread.test_layered_spreading."
+    "test_pixel_layers_are_sorted_by_the_surface_of_the_pixel",
     "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
     "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
     "bokehme_scatter": "spread.test_spreading.test_the_published_scatter_is_its_double_loop",

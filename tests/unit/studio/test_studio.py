@@ -19,6 +19,7 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
+from bokehnet.studio import looks
 from bokehnet.studio import session as studio_session
 from bokehnet.studio.opened import Region
 from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
@@ -423,7 +424,7 @@ def test_the_preview_shows_estimated_light_as_the_export(tmp_path, session, clie
 
 def test_depth_is_estimated_only_after_consent(client, session, files, monkeypatch):
     client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
-    monkeypatch.setattr(studio_session, "cached_file", lambda model: None)
+    monkeypatch.setattr(looks, "cached_file", lambda model: None)
     monkeypatch.delenv("BOKEHNET_DOWNLOADS", raising=False)
     monkeypatch.setattr(model_download, "cached_file", lambda model: None)
     monkeypatch.setattr(model_download, "download", lambda *_: pytest.fail("downloaded without consent"))

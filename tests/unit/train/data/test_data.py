@@ -13,7 +13,7 @@ from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
 from train.data.crops import DataConfig, PreparedCrops
 from train.data.examples import Examples, example_loader
-from train.data.prepared import DESCRIPTION, PLANES, PreparedSet, part_name
+from train.data.prepared import DESCRIPTION, PLANES, PreparedSet, check_features, part_name
 from train.prepare import PrepareConfig, prepare
 from train.schedule import OptimConfig
 
@@ -141,3 +141,14 @@ def test_sets_of_two_renderers_do_not_mix(tiny_prepared, marked):
     description.write_text(json.dumps(told), encoding="utf-8")
     with pytest.raises(DataFileError, match="examples of one classical renderer, found rays, scatter"):
         PreparedCrops(config_for(tiny_prepared, also=(str(marked),)), 10.0)
+
+
+@pytest.mark.parametrize(("classical", "refused"), [("scatter", True), ("rays", False)])
+def test_features_need_a_renderer_that_provides_them(classical, refused):
+    """Authority: a ray engine has an occluded background; the scatter has none."""
+    check_features(False, classical)
+    if refused:
+        with pytest.raises(ConfigError, match=r"see_features: expected false for examples of scatter"):
+            check_features(True, classical)
+    else:
+        check_features(True, classical)
