@@ -102,9 +102,7 @@ def main() -> None:
     if arguments.figures is not None:
         ablated = " --ablate" if arguments.ablate else ""
         kinds = " ".join(arguments.kinds)
-        command = (
-            f"python -m benchmarks.quality.clipped_light{ablated} --seeds {arguments.seeds} --kinds {kinds}"
-        )
+        options = f"{ablated} --seeds {arguments.seeds} --kinds {kinds}"
         write_figures(
             arguments.figures / "clipped_light.json",
             f"python -m benchmarks.quality.clipped_light{options} --figures docs/figures",
