@@ -156,9 +156,9 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
                 path=file.path,
-                choices=(f"its colours are read as {space.name}, as its header says",) if film else (),
                 gain_map=gain_map,
                 gain_map_error=gain_map_error,
+                choices=_color_notes(attributes, space.name if film else ""),
             )
         state = file.path.stat()
         origin = _Origin(
@@ -183,6 +183,16 @@ def _gain_map(path: Path, orientation: int, metadata: Metadata) -> tuple[GainMap
         return read_gain_map(path, orientation, metadata.exif), ""
     except ImageFileError as problem:
         return None, str(problem).removeprefix(f"{path}: ")
+
+
+def _color_notes(attributes: Mapping[str, Any], film_space: str) -> tuple[str, ...]:
+    """Return notes on colours that the header alone defines, or that the decoder converts."""
+    notes = []
+    if film_space:
+        notes.append(f"its colours are read as {film_space}, as its header says")
+    if "CMYK" in (attributes.get("jpeg:ColorSpace"), attributes.get("tiff:ColorSpace")):
+        notes.append("its CMYK inks are converted without a profile; convert it to sRGB for exact colours")
+    return tuple(notes)
 
 
 def without_origin(frame: Frame) -> Frame:
