@@ -2,7 +2,8 @@
 
 The command renders a small picture with ``bokehnet render``, in this process and under a profiler. The option
 has a value that nothing else has, so that the profiler recognizes it in arguments and results: by itself,
-in a dataclass, a collection or a closure, as the first pixel of a map, and as the defocus computed from it.
+in a dataclass or a collection, as the first pixel of a map, and as the defocus computed from it. Contents of
+closures, such as progress callbacks, are not followed.
 A file is counted if one of its functions
 
 - is on the stack when the first kernel of :mod:`bokehnet.classical` receives the value; of an aperture, the
@@ -21,7 +22,7 @@ import dataclasses
 import io
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -148,10 +149,6 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, partial):
         yield "", value.args
         yield "", value.keywords
-    elif isinstance(value, Callable) and getattr(value, "__closure__", None):  # type: ignore[arg-type]
-        for variable, cell in zip(value.__code__.co_freevars, value.__closure__, strict=True):
-            with contextlib.suppress(ValueError):  # empty
-                yield variable, cell.cell_contents
 
 
 def _arguments(frame: FrameType) -> dict[str, Any]:

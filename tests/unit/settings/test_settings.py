@@ -13,6 +13,7 @@ from bokehnet.depth_repair.repair import REPAIR_MODES
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette
 from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError
+from bokehnet.io.color.camera_spaces import INPUT_COLOR_SPACES
 from bokehnet.io.depth.false_colors import COLOR_MAPS
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS
 from bokehnet.io.depth.units import DEPTH_UNITS
@@ -206,6 +207,7 @@ VALID = [
     },
     {"input": {"disparity": "a.png", "projection": "equirect"}},
     {"input": {"disparity": "a.png", "stereo": "top-bottom"}},
+    {"input": {"disparity": "a.png", "color_space": "logc3"}},
     {"input": {"depth": "a.png"}, "depth": {"near": math.inf, "far": 0.1, "kind": "zbuffer"}},
     {"input": {"defocus": "a.exr"}, "highlights": {"strength": 0.5}},
     {"input": {"layers": "a.exr"}},
@@ -515,6 +517,7 @@ def test_choices_are_those_of_the_rooms_below():
     assert choices == {
         "depth.kind": {"planar", "ray", "zbuffer"},
         "depth.holes": {"fill", "error"},
+        "input.color_space": {"auto", *INPUT_COLOR_SPACES},
         "input.projection": {"flat", "equirect"},
         "input.stereo": {"side-by-side", "top-bottom"},
         "light.ghosts": set(COATINGS),
