@@ -3,23 +3,23 @@
 Steps, each of which must pass:
 
 1. Version, changelog and citation agree.
-2. The sdist is built, and from it a wheel for each interpreter; twine checks them.
+2. The sdist is built, and from it a wheel for each interpreter and one for all; twine checks them.
 3. The sdist contains every file of the repository except its automation; each wheel contains the whole
-package
-   and its machine code.
+   package and, but for the one for all, its machine code.
 4. The pages and the API reference are built without a warning.
 5. The browser page is bundled with its network.
-6. Depth networks without pins are listed (``--pinned``: an error).
-7. For each interpreter, the wheel is installed into an empty environment without torch and renders a picture;
-the
-   duration is printed.
-8. A list of the installed packages (CycloneDX) and the checksums of all files are written.
+6. The plug-ins are packed for their hosts (``tools.host_archives``).
+7. Depth networks without pins are listed (``--pinned``: an error).
+8. For each interpreter, the wheel is installed into an empty environment without torch and renders a picture;
+   the duration is printed.
+9. A list of the installed packages (CycloneDX) and the checksums of all files are written.
 
 The command needs npm and the extra ``release``.
 """
 
 import argparse
 import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -28,10 +28,12 @@ import tarfile
 import tempfile
 import time
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
 
 from bokehnet.inference.depth_models import depth_model_names, find_depth_model
+from tools.host_archives import HOSTS, PLATFORMS, build_archives
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -70,11 +72,10 @@ def fail(message: str) -> NoReturn:
     raise SystemExit(f"release: error: {message}")
 
 
-def run(*command: str | Path, folder: Path = ROOT) -> str:
+def run(*command: str | Path, folder: Path = ROOT, variables: Mapping[str, str] | None = None) -> str:
     """Run a command and return its stdout; exit with its last lines if it fails."""
-    process = subprocess.run(
-        [str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False
-    )
+    words, environment = [str(word) for word in command], {**os.environ, **(variables or {})}
+    process = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if process.returncode:
         last_lines = " | ".join((process.stdout + process.stderr).strip().splitlines()[-3:])
         words = " ".join(map(str, command[1:4]))
@@ -90,10 +91,12 @@ def stated_versions() -> dict[str, str]:
         "CITATION.cff": r"(?m)^version: (.+)$",
         "packaging/conda/recipe.yaml": r'(?m)^  version: "(.+)"',
         "integrations/blender/blender_manifest.toml": r'(?m)^version = "(.+)"',
+        "integrations/comfyui/pyproject.toml": r'(?m)^version = "(.+)"',
+        "integrations/comfyui/pyproject.toml (bokehnet)": r'"bokehnet==(.+)"',
     }
     versions = {}
     for name, pattern in places.items():
-        match = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"))
+        match = re.search(pattern, (ROOT / name.partition(" ")[0]).read_text(encoding="utf-8"))
         if match is None:
             fail(f"{name}: expected a version, found none")
         versions[name] = match[1]
@@ -130,7 +133,7 @@ def check_contents(sdist: Path, wheel: Path) -> None:
     package = {name for name in expected if name.startswith("bokehnet/")}
     if missing := sorted(package - contents):
         fail(f"{wheel.name}: expected the whole package, found {len(missing)} missing: {missing[:5]}")
-    if missing := sorted(MACHINE_CODE - contents):
+    if missing := [] if wheel.name.endswith("-none-any.whl") else sorted(MACHINE_CODE - contents):
         fail(f"{wheel.name}: expected machine code, found {len(missing)} missing: {missing}")
     if extra := sorted(name for name in contents - package - MACHINE_CODE if ".dist-info/" not in name):
         fail(f"{wheel.name}: expected the package alone, found {extra[:5]}")
@@ -144,13 +147,21 @@ def build_sdist(out: Path) -> Path:
     return sdist
 
 
-def build_wheel(python: str, sdist: Path, out: Path) -> Path:
-    """Build the wheel for an interpreter from the sdist; machine code depends on the Python version."""
+def build_wheel(python: str, sdist: Path, out: Path, kernels: bool = True) -> Path:
+    """Build a wheel from the sdist.
+
+    Args:
+        python: Interpreter of the wheel, on whose version its machine code depends.
+        sdist: Source distribution.
+        out: Folder of the wheel.
+        kernels: False for a wheel without machine code, for all interpreters and platforms.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run(python, "-m", "venv", folder / "venv", folder=folder)
         interpreter = folder / "venv/bin/python"
-        run(interpreter, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder / "made", sdist, folder=folder)
+        words = ["-m", "pip", "wheel", "-q", "--no-deps", "-w", folder / "made", sdist]
+        run(interpreter, *words, folder=folder, variables={"BOKEHNET_BUILD_KERNELS": str(int(kernels))})
         (artifact,) = (folder / "made").glob("*.whl")
         wheel = Path(shutil.copy(artifact, out))
     run(sys.executable, "-m", "twine", "check", "--strict", wheel)
@@ -239,6 +250,9 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="empty folder for the release")
     parser.add_argument("--python", action="append", help="interpreter to build a wheel for; repeatable")
+    parser.add_argument(
+        "--platform", choices=PLATFORMS, default="linux-x64", help="platform of Blender's wheels"
+    )
     parser.add_argument("--web", action="store_true", help="only write the browser page")
     parser.add_argument("--pinned", action="store_true", help="fail if a depth network is not pinned")
     options = parser.parse_args()
@@ -255,11 +269,13 @@ def main() -> None:
     pythons, sdist = options.python or [sys.executable], build_sdist(out)
     print(f"{version}: {sdist.name} {size_of_file(sdist)}", flush=True)
     wheels = [build_wheel(python, sdist, out) for python in pythons]
-    for wheel in wheels:
+    universal = build_wheel(sys.executable, sdist, out, kernels=False)
+    for wheel in (*wheels, universal):
         check_contents(sdist, wheel)
         print(f"{wheel.name} {size_of_file(wheel)}, complete", flush=True)
-    for artifact in (build_docs(out, version), bundle_web(out, version)):
-        print(f"{artifact.name} {size_of_file(artifact)}")
+    plug_ins = build_archives(out, HOSTS, [*wheels, universal], options.platform)
+    for artifact in (build_docs(out, version), bundle_web(out, version), *plug_ins):
+        print(f"{artifact.name} {size_of_file(artifact)}", flush=True)
     print(f"depth networks without pinned bytes: {', '.join(unpinned) or 'none'}", flush=True)
     for python, wheel in zip(pythons, wheels, strict=True):
         print(try_out(python, wheel, out), flush=True)

@@ -16,7 +16,7 @@ from bokehnet.checks import check_at_least
 from bokehnet.errors import BokehnetError, DataFileError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
-from train.data.prepared import DESCRIPTION
+from train.data.prepared import DESCRIPTION, check_features
 
 __all__ = ["main"]
 
@@ -74,6 +74,8 @@ def main(words: Sequence[str] | None = None) -> None:
                     f"{renderers['arnet']}"
                 )
             manifest["classical"] = renderers["arnet"]
+            for network in networks.values():
+                check_features(network.config.see_features, renderers["arnet"])
             if arguments.max_valid_radius is not None:
                 check_at_least("--max-valid-radius", arguments.max_valid_radius, 1)
                 manifest["max_valid_radius"] = arguments.max_valid_radius

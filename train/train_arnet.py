@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNetConfig
 from train.data.crops import DataConfig, PreparedCrops
+from train.data.prepared import check_features
 from train.run.command import run_command
 from train.run.task import Task, run_task
 from train.schedule import OptimConfig
@@ -45,6 +46,7 @@ class ARNetRun:
 def task(config: ARNetRun, device: torch.device) -> Task:
     """Return the definition of this training."""
     held_out = held_out_examples(config.data.validation, config.held_out)
+    check_features(config.model.see_features, held_out.classical)
     radius = config.model.network_max_radius
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:

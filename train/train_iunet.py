@@ -11,10 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.arrays.pyramid import downsample2
-from bokehnet.coarse_to_fine import render_neural
+from bokehnet.inference.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNetConfig
 from train.data.crops import DataConfig, PreparedCrops
+from train.data.prepared import check_features
 from train.run.command import run_command
 from train.run.task import Task, run_task
 from train.schedule import OptimConfig
@@ -45,6 +46,7 @@ def task(config: IUNetRun, device: torch.device) -> Task:
     """Return the definition of this training."""
     arnet = load_network(Path(config.arnet), "arnet").requires_grad_(False).to(device)
     held_out = held_out_examples(config.data.validation, config.held_out)
+    check_features(config.model.see_features, held_out.classical)
     radius = config.model.network_max_radius
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:

@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import (
-    ALIGNED,
     MAX_RADIUS_IN_SIDES,
     ClassicalOptions,
     ClassicalResult,
@@ -35,7 +33,7 @@ from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.resolution_levels import levels_halo, march_levels
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter, scatter_beyond
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -43,7 +41,7 @@ from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
+__all__ = ["CPU", "Device", "pupil_pattern", "rays", "render_rays"]
 
 
 class Device(NamedTuple):
@@ -77,7 +75,7 @@ _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pupil_pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rays of a pixel as points of one low-discrepancy sequence, so that any prefix is even.
 
     Returns:
@@ -180,48 +178,6 @@ def _stage_progress(
     return report
 
 
-def scatter_beyond(
-    image: np.ndarray,
-    defocus: np.ndarray,
-    aperture: Aperture,
-    reach: int,
-    strip: Strip | None,
-    viewport: Viewport,
-    scattered: Callable[..., np.ndarray] = scatter,
-) -> np.ndarray:
-    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
-
-    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself,
-    so such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are
-    omitted so that blocks align with those of the whole picture.
-
-    Args:
-        image: Scene-linear picture, (H, W, 3) float32.
-        defocus: Signed blur radius, (H, W) pixels.
-        aperture: Shape of the aperture.
-        reach: Number of pixels beyond each border.
-        strip: Position of these rows in their picture; ``None`` for all rows.
-        viewport: Position of the arrays in the shown picture.
-        scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
-    """
-    if reach == 0 or aperture.cats_eye > 0:
-        return scattered(image, defocus, aperture, viewport)
-    above = below = reach
-    skipped = 0
-    if strip is not None and strip.first > 0:
-        above, skipped = 0, -(reach + strip.first) % ALIGNED
-    if strip is not None and strip.last < strip.height:
-        below = 0
-    padding = ((above, below), (reach, reach))
-    larger = scattered(
-        beyond_border(image[skipped:], above, below, reach),
-        np.pad(defocus[skipped:], padding, "edge"),
-        aperture,
-    )
-    inside = larger[above : len(larger) - below, reach:-reach]
-    return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Job:
     """Picture and options of one render; options as in :class:`ClassicalOptions`."""
@@ -262,8 +218,8 @@ class _Rays:
     """Rays of a render: pattern in the pupil, lens, and the pixels that they serve.
 
     Attributes:
-        points: See :func:`_pattern`.
-        weights: See :func:`_pattern`.
+        points: See :func:`pupil_pattern`.
+        weights: See :func:`pupil_pattern`.
         lens: Lens of the rays; ``None`` for a perfect one.
         fringes: Colour fringes, if the lens has nothing else.
         extents: Extents of the bundles of smooth tiles; ``None`` for a perfect lens.
@@ -330,7 +286,7 @@ def _make_rays(
     job: _Job, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
 ) -> _Rays:
     """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
-    points, weights, chances = _pattern(job.aperture)
+    points, weights, chances = pupil_pattern(job.aperture)
     response = job.lens_response
     if response is None or response.is_ideal:
         return _Rays(
@@ -360,7 +316,7 @@ def _make_rays(
 
 def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
     """Return the scatter of the picture, (H, W, 3), with colour fringes if the lens has nothing else."""
-    reach = min(pupil_rays.reach if pupil_rays.fringes is not None else radius, max(job.size))
+    reach = pupil_rays.reach if pupil_rays.fringes is not None else radius
 
     def scattered(radii: np.ndarray) -> np.ndarray:
         viewport = job.picture_viewport.below(job.above)

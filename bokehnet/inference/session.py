@@ -58,6 +58,11 @@ class OnnxNetwork:
         self._input_names = input_names
         self._model_inputs = {item.name for item in self._session.inputs()}
 
+    @property
+    def sees_features(self) -> bool:
+        """True if the network receives the features of the classical renderer."""
+        return any(_OLD_INPUTS.get(name, name) == "features" for name in self._model_inputs)
+
     def __call__(self, *arrays: np.ndarray | None, release: bool = False) -> Any:
         """Run on float32 arrays (B, C, H, W) in the order of the input names; return one array or a tuple.
 
@@ -189,6 +194,12 @@ def load_networks(
     if refine and "iunet" in manifest["networks"]:
         model = _read_model(folder, "iunet", manifest)
         iunet = OnnxNetwork(model, (*inputs, "coarse", "features"), *settings)
+    sees_features = arnet.sees_features or (iunet is not None and iunet.sees_features)
+    if sees_features and not CLASSICAL[manifest["classical"]].traces_rays:
+        raise ModelFileError(
+            f"{folder}: expected networks without the input features, which {manifest['classical']} does not "
+            "provide, found one with it; train it with model.see_features = false and export again"
+        )
     return Networks(
         arnet=arnet,
         iunet=iunet,

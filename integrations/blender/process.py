@@ -1,8 +1,10 @@
 """A bokehnet process outside Blender, which exchanges JSON lines over pipes."""
 
+import importlib.util
 import json
 import os
 import queue
+import shutil
 import subprocess
 import sys
 import threading
@@ -15,11 +17,23 @@ from .camera import HostError
 __all__ = ["WarmProcess"]
 
 
+def _interpreter() -> str:
+    """Return Blender's own Python if it has bokehnet, otherwise the one of the command ``bokehnet``."""
+    command = shutil.which("bokehnet")
+    if importlib.util.find_spec("bokehnet") is None and command is not None:
+        name = "python.exe" if os.name == "nt" else "python"
+        beside = Path(command).resolve().parent / name
+        if beside.is_file():
+            return str(beside)
+    return sys.executable
+
+
 class WarmProcess:
     """Renders files in a process that starts with the first file and is reused until it is stopped.
 
     Args:
-        python: Interpreter with bokehnet; empty for Blender's own, with the wheels of the extension.
+        python: Interpreter with bokehnet; empty for Blender's own if the extension has wheels, otherwise the
+            one beside the command ``bokehnet`` on the path.
     """
 
     def __init__(self, python: str = "") -> None:
@@ -87,7 +101,7 @@ class WarmProcess:
         environment = dict(os.environ)
         if not self.python:  # the wheels precede Blender's own packages, such as its older NumPy
             environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if "extensions" in path)
-        python = self.python or sys.executable
+        python = self.python or _interpreter()
         try:
             self._process = subprocess.Popen(
                 [python, "-P", "-m", "bokehnet.integrations.warm"],  # -P: no modules of the current folder

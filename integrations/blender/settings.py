@@ -37,7 +37,7 @@ class BokehnetPreferences(bpy.types.AddonPreferences):
 
     python: bpy.props.StringProperty(
         name="Python with bokehnet",
-        description="Empty: Blender's own, with the wheels of the extension",
+        description="Empty: Blender's own if the extension has wheels, else that of the command bokehnet",
         subtype="FILE_PATH",
     )
 

@@ -7,7 +7,7 @@ import torch
 from bokehnet.render.result import MAX_SHOWN_LEVELS
 
 from .host import node_errors
-from .render_nodes import FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets
+from .render_nodes import CommonInputs, RenderNode, common_widgets, focus_widget, optional_widgets
 
 
 class BokehExpectedError(RenderNode):
@@ -24,7 +24,7 @@ class BokehExpectedError(RenderNode):
             "required": {
                 **common_widgets(),
                 "engine": (["rays", "hybrid"],),
-                "focus_value": ("FLOAT", {**FOCUS, "tooltip": "Used if focus is not connected."}),
+                "focus_value": focus_widget(),
                 "white": ("FLOAT", {**levels, "tooltip": "Error in 8-bit levels that is 1 in the mask."}),
             },
             "optional": {"focus": ("BOKEH_FOCUS",), **optional_widgets()},

@@ -26,6 +26,7 @@ __all__ = [
     "CommonInputs",
     "RenderNode",
     "common_widgets",
+    "focus_widget",
     "optional_widgets",
 ]
 
@@ -33,17 +34,25 @@ _ENGINES = ["rays", "scatter", "hybrid", "fast", "neural"]
 _OUTPUTS = ("IMAGE", "MASK", "BOKEH_LIGHT", "STRING")
 _NAMES = ("bokeh", "error_map", "light", "report")
 
-# Ranges of widgets.
+# Ranges of widgets of a shot, and the value of blur and focus of a still by which the renderer chooses them.
 BLUR = {"default": 40.0, "min": 0.0, "max": 1000.0}
 FOCUS = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
+_AUTOMATIC = {"default": -1.0, "min": -1.0}
+
+
+def focus_widget() -> tuple[str, dict[str, Any]]:
+    """Return the widget of the focus of a still."""
+    tooltip = "Disparity in focus, 0 to 1, used if focus is not connected; -1: the subject."
+    return "FLOAT", {**FOCUS, **_AUTOMATIC, "tooltip": tooltip}
 
 
 def common_widgets() -> dict[str, Any]:
     """Return the required widgets of all nodes that render."""
+    blur = "Blur radius in pixels per unit of disparity; -1: 4 % of the longer side at the far end."
     return {
         "image": ("IMAGE",),
         "disparity": ("IMAGE,MASK", {"tooltip": "Bright is near; normalised to 0..1."}),
-        "blur": ("FLOAT", {**BLUR, "tooltip": "Blur radius in pixels per unit of disparity."}),
+        "blur": ("FLOAT", {**BLUR, **_AUTOMATIC, "tooltip": blur}),
         "engine": (_ENGINES,),
         "repair": (["auto", "on", "off"],),
         "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps in which dark is near."}),
@@ -74,7 +83,7 @@ class CommonInputs:
     Args:
         image: IMAGE, (frames, H, W, 3), sRGB.
         disparity: IMAGE or MASK, one map for all pictures or one for each.
-        blur: Blur radius, pixels per unit of disparity.
+        blur: Blur radius, pixels per unit of disparity; below 0, the renderer chooses it.
         engine: Name of the engine.
         repair: Repair of the map: auto, on or off.
         invert: True if dark is near in the map.
@@ -97,7 +106,8 @@ class CommonInputs:
         """Return the settings: widgets, overridden by the look, overridden by ``settings_json``.
 
         Args:
-            focus: Fields of the group ``focus``; None leaves focus and blur to a pull.
+            focus: Fields of the group ``focus``; a value below 0 for the subject; None leaves focus and
+                blur to a pull.
         """
         try:
             table = json.loads(self.settings_json or "{}")
@@ -107,7 +117,9 @@ class CommonInputs:
             raise ConfigError(f"settings_json: expected an object, found {type(table).__name__}")
         widgets: dict[str, Any] = {"engine": {"name": self.engine}, "depth": {"repair": self.repair}}
         if focus is not None:
-            widgets |= {"camera": {"blur": self.blur}, "focus": focus}
+            if focus.get("value", 0) < 0:
+                focus = {}
+            widgets |= {"camera": {"blur": self.blur} if self.blur >= 0 else {}, "focus": focus}
         changes = settings_from_table(table, "settings_json")
         return RenderSettings().updated(merged(widgets, self.look or {}, changes))
 
@@ -173,9 +185,8 @@ class BokehRender(RenderNode):
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        value = ("FLOAT", {**FOCUS, "tooltip": "Used if focus is not connected."})
         return {
-            "required": {**common_widgets(), "focus_value": value},
+            "required": {**common_widgets(), "focus_value": focus_widget()},
             "optional": {"focus": ("BOKEH_FOCUS",), **optional_widgets()},
         }
 

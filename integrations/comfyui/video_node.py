@@ -56,11 +56,15 @@ class BokehVideo(RenderNode):
         return {
             "required": {
                 **common_widgets(),
+                "blur": (
+                    "FLOAT",
+                    {**BLUR, "tooltip": "Blur of the first frame, pixels per unit of disparity."},
+                ),
                 "focus_from": ("FLOAT", FOCUS),
                 "focus_to": ("FLOAT", FOCUS),
                 "blur_to": (
                     "FLOAT",
-                    {**BLUR, "tooltip": "Blur of the last frame; blur: first frame."},
+                    {**BLUR, "tooltip": "Blur of the last frame."},
                 ),
             },
             "optional": {"steady": (["on", "off"], {"tooltip": steady}), **optional_widgets()},

@@ -13,7 +13,7 @@ local bokehnet = {}
 
 local PREFERENCES = {
   command = { "bokehnet: program", "the command line of bokehnet", "bokehnet" },
-  options = { "bokehnet: options", "options of bokehnet render", "--blur 40 --focus 0.5" },
+  options = { "bokehnet: options", "options of bokehnet render; empty: its defaults", "" },
 }
 
 if dt.gui then -- darktable-cli has no preferences to register

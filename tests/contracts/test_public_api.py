@@ -99,13 +99,19 @@ def test_old_public_names_still_work_but_are_not_offered():
     assert not set(bokehnet._OLD_NAMES) & set(bokehnet.__all__)
 
 
-TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace", "bokehnet.synth")
+TORCH_ROOMS = (
+    "bokehnet.classical.torch",
+    "bokehnet.models",
+    "bokehnet.raytrace",
+    "bokehnet.synth",
+    "bokehnet.torch",
+)
 
 
 @pytest.mark.parametrize(
     "module",
     [
-        "bokehnet.coarse_to_fine",
+        "bokehnet.inference.coarse_to_fine",
         "bokehnet.checks",
         "bokehnet.classical.torch.autograd",
         "bokehnet.classical.base",
@@ -130,6 +136,8 @@ TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace
         "bokehnet.arrays.pyramid",
         "bokehnet.raytrace",
         "bokehnet.synth.shards",
+        "bokehnet.torch",
+        "bokehnet.torch.occlusion",
     ],
 )
 def test_every_name_in_all_exists(module):
@@ -172,7 +180,7 @@ def test_a_render_never_needs_torch(engine):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
-def test_a_room_that_needs_torch_says_how_to_get_it(module):
+def test_a_package_that_needs_torch_names_the_extra(module):
     done = run_python(NO_TORCH + f"import {module}")
     assert "pip install 'bokehnet[train]'" in done.stderr
     assert "MissingExtraError" in done.stderr

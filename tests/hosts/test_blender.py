@@ -32,7 +32,7 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("extension")
-    command = [sys.executable, "integrations/build_blender.py", "--no-wheels", "-o", str(folder)]
+    command = [sys.executable, "-m", "tools.host_archives", "blender", "--no-wheels", "--out", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (built,) = folder.glob("*.zip")
     return built

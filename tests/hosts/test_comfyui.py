@@ -21,6 +21,7 @@ import pytest
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image
 from tests.hosts import web_socket
+from tests.hosts.archives import install
 
 ROOT = Path(__file__).parents[2]
 PACK = ROOT / "integrations/comfyui"
@@ -78,7 +79,7 @@ def host(tmp_path_factory):
     base = tmp_path_factory.mktemp("comfyui")
     for name in ("custom_nodes", "input", "output", "temp", "user", "models"):
         (base / name).mkdir()
-    (base / "custom_nodes/bokehnet").symlink_to(PACK)
+    install("comfyui", base / "custom_nodes", base / "downloads")
     rng = np.random.default_rng(3)
     coarse = rng.random((HEIGHT // 6, WIDTH // 6, 3), dtype=np.float32)
     write_image(base / "input/photo.png", np.kron(coarse, np.ones((6, 6, 1), np.float32)))
@@ -120,7 +121,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(-10 * np.log10(max(float(np.mean((a - b) ** 2)), 1e-20)))
 
 
-def test_comfyui_knows_the_nodes(host):
+def test_comfyui_lists_the_nodes(host):
     told = host.ask("/object_info")[1]
     names = {"Render", "FocusPicker", "Look", "DepthRepair", "ExpectedError", "Video", "Save"}
     assert {f"Bokeh{name}" for name in names} <= set(told)

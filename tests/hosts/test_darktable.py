@@ -9,6 +9,7 @@ import pytest
 
 from bokehnet.io.image import read_image, write_image, write_map
 from tests.conftest import ROOT
+from tests.hosts.archives import install
 
 DARKTABLE = shutil.which("darktable-cli")
 
@@ -18,7 +19,6 @@ pytestmark = [
 ]
 
 SCRIPT = """
-package.path = "{root}/integrations/darktable/?.lua;" .. package.path
 local dt = require "darktable"
 local bokehnet = require "bokehnet"
 dt.preferences.write("bokehnet", "command", "string", "{program}")
@@ -54,10 +54,11 @@ def darktable(tmp_path):
     picture[::8] = 1
     write_image(tmp_path / "photo.png", picture.astype(np.float32))
     write_map(tmp_path / "photo.disparity.png", disparity)
+    install("darktable", tmp_path / "dt", tmp_path / "downloads")
     write_image(tmp_path / "large.png", np.full((2000, 2000, 3), 0.5, np.float32))
 
     def run(options="--blur 6 --focus 1 --repair-disparity off", command=program):
-        script = SCRIPT.format(root=ROOT, program=command, options=options, photo=tmp_path / "photo.png")
+        script = SCRIPT.format(program=command, options=options, photo=tmp_path / "photo.png")
         (tmp_path / "edit.lua").write_text(script, encoding="utf-8")
         folders = ["--configdir", tmp_path / "dt", "--cachedir", tmp_path / "dt", "--library", ":memory:"]
         words = [tmp_path / "large.png", tmp_path / "plain.png", "--core", *folders]
@@ -70,7 +71,7 @@ def darktable(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_picture_is_edited_and_stands_beside_the_original(darktable, tmp_path, cli):
+def test_an_edited_picture_appears_next_to_the_original(darktable, tmp_path, cli):
     told = darktable()
     made = tmp_path / "photo.bokeh.tif"
     assert f"MADE\t{made}" in told

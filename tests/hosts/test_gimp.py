@@ -10,6 +10,7 @@ import stat
 import pytest
 
 from tests.conftest import ROOT
+from tests.hosts.archives import install
 from tests.hosts.photo_editor import OPTIONS, Task
 
 NAMES = ("gimp-console-3.0", "gimp-console-3.2")
@@ -28,7 +29,7 @@ pytestmark = [
 def folder(tmp_path_factory):
     """GIMP's own folder, with the plug-in as a user puts it there."""
     made = tmp_path_factory.mktemp("gimp")
-    shutil.copytree(ROOT / "integrations/gimp/bokehnet", made / "plug-ins/bokehnet")
+    install("gimp", made / "plug-ins", tmp_path_factory.mktemp("downloads"))
     assert (made / "plug-ins/bokehnet/bokehnet.py").stat().st_mode & stat.S_IXUSR  # else GIMP passes over it
     return made
 

@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 from tests.conftest import ROOT
+from tests.hosts.archives import install
 from tests.hosts.photo_editor import OPTIONS, Task
 
 pytestmark = [
@@ -18,8 +19,10 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """Where Krita keeps what it makes when it is started for the first time, which takes long."""
-    return str(tmp_path_factory.mktemp("home"))
+    """Home with the plug-in, where Krita keeps what it makes at its first start, which takes long."""
+    made = tmp_path_factory.mktemp("home")
+    install("krita", made / ".local/share/krita/pykrita", tmp_path_factory.mktemp("downloads"))
+    return str(made)
 
 
 @pytest.fixture
@@ -34,7 +37,7 @@ def krita(task, home):
     def run(options=OPTIONS, depth="depth"):
         # Its Python is the system's, wherever the first `python3` of the path leads.
         environment = dict(os.environ, HOME=home, XDG_RUNTIME_DIR=home, PATH=os.defpath)
-        environment["PYTHONPATH"] = f"{ROOT}/integrations/krita:{ROOT}/tests/hosts"
+        environment["PYTHONPATH"] = f"{home}/.local/share/krita/pykrita:{ROOT}/tests/hosts"
         display = str(200 + os.getpid() % 1000)  # two that look for one at once would take the same
         script = ["kritarunner", "-s", "krita_child", "-f", "main", str(task.folder)]
         return task.run(["xvfb-run", "-a", "-n", display, *script], environment, options, depth, None)

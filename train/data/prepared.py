@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.config import renamed
-from bokehnet.errors import DataFileError
+from bokehnet.engine_registry import CLASSICAL
+from bokehnet.errors import ConfigError, DataFileError
 
-__all__ = ["DESCRIPTION", "NUM_PLANES", "PLANES", "PreparedSet", "part_name"]
+__all__ = ["DESCRIPTION", "NUM_PLANES", "PLANES", "PreparedSet", "check_features", "part_name"]
 
 # Planes of an example (NUM_PLANES, H, W), float16.
 PLANES = {
@@ -26,6 +27,23 @@ PLANES = {
 NUM_PLANES = 16
 
 DESCRIPTION = "prepared.json"
+
+
+def check_features(see_features: bool, classical: str) -> None:
+    """Raise unless a classical renderer provides the features that a network receives.
+
+    Args:
+        see_features: Option of the network.
+        classical: Name of the classical renderer of its examples.
+
+    Raises:
+        ConfigError: Only renderers that trace rays provide features.
+    """
+    if see_features and not CLASSICAL[classical].traces_rays:
+        raise ConfigError(
+            f"model.see_features: expected false for examples of {classical}, which provides no features, "
+            'found true; set it to false, or prepare examples with classical = "rays"'
+        )
 
 
 def part_name(number: int) -> str:

@@ -81,8 +81,8 @@ class Bokehnet(Gimp.PlugIn):
         procedure.set_documentation("The blur of a real lens", "Depth: the layer named depth", name)
         flags = GObject.ParamFlags.READWRITE
         procedure.add_string_argument("command", "Program", "Command line of bokehnet", "bokehnet", flags)
-        options = "--blur 40 --focus 0.5"
-        procedure.add_string_argument("options", "Options", "Options of bokehnet render", options, flags)
+        about = "Options of bokehnet render; empty: focus on the subject"
+        procedure.add_string_argument("options", "Options", about, "", flags)
         return procedure
 
     def run(self, procedure, mode, image, drawables, config, data):

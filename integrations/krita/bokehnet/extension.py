@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import subprocess
 import tempfile
 
@@ -11,7 +12,7 @@ from PyQt5.QtWidgets import QInputDialog, QMessageBox
 __all__ = ["BokehnetError", "BokehnetExtension", "render_document"]
 
 DEPTH, RESULT = "depth", "bokeh"
-GROUP, COMMAND, OPTIONS = "bokehnet", "bokehnet", "--blur 40 --focus 0.5"
+GROUP, COMMAND, OPTIONS = "bokehnet", "bokehnet", ""
 
 
 class BokehnetError(Exception):
@@ -115,11 +116,18 @@ class BokehnetExtension(Extension):
         """Ask for options, render, and show an error as a message."""
         application = Krita.instance()
         options = application.readSetting(GROUP, "options", OPTIONS)
-        options, accepted = QInputDialog.getText(None, "bokehnet", "Options of bokehnet render", text=options)
+        question = "Options of bokehnet render; empty: focus on the subject"
+        options, accepted = QInputDialog.getText(None, "bokehnet", question, text=options)
         if not accepted:
             return
         application.writeSetting(GROUP, "options", options)
         command = application.readSetting(GROUP, "command", COMMAND)
+        if shutil.which(shlex.split(command)[0]) is None:
+            question = "Program, such as /home/me/venv/bin/bokehnet"
+            command, accepted = QInputDialog.getText(None, "bokehnet", question, text=command)
+            if not accepted:
+                return
+            application.writeSetting(GROUP, "command", command)
         try:
             render_document(application.activeDocument(), options, command)
         except BokehnetError as error:

@@ -129,7 +129,7 @@ def test_progress_counts_the_strips():
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
-def test_too_little_memory_tells_how_much_it_takes():
+def test_too_little_memory_names_the_minimum():
     image, defocus = tall_picture()
     with pytest.raises(
         ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
