@@ -1,7 +1,7 @@
 """Time and error of rays at the scale of the blur: ``python -m benchmarks.speed.levels --photo P --map M``.
 
 The picture is enlarged to 6 megapixels. Each row prints processor seconds of the rays and of the render, and
-the difference to the full size in decibels of the sRGB picture; the last row is another draw at the full size.
+the difference to the full size in decibels of the sRGB picture; the last row is another draw of that.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_map
 
 # Smallest blur, pixels of a level, and maximum number of levels.
-_ROWS = ((4.0, 1), (4.0, 3), (6.0, 3), (8.0, 3))
+_ROWS = ((4.0, 1), (4.0, 3), (6.0, 2), (6.0, 3), (8.0, 3))
 
 
 def _render(image: np.ndarray, defocus: np.ndarray, seed: int) -> tuple[np.ndarray, float, float]:

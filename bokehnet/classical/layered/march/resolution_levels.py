@@ -38,8 +38,8 @@ __all__ = ["MAX_LEVELS", "MIN_RADIUS_PX", "layers_halo", "levels_halo", "march_l
 # level: 0.0195 at 6 pixels, so that detail of an amplitude of 0.2, which the level lacks, changes 1/255.
 MIN_RADIUS_PX = 6.0
 
-# Maximum number of halvings; tiles of so many pixels remain aligned in strips of rows.
-MAX_LEVELS = 3
+# Maximum number of halvings. A third one would merge surfaces whose defocus differs by up to 12 pixels.
+MAX_LEVELS = 2
 
 # Side of the square blocks of pixels that share a level, pixels of the full size.
 _BLOCK_PX = 16
