@@ -90,7 +90,7 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
 
 @pytest.mark.parametrize("radius", [20.0, 34.0, 66.0])
 def test_strips_choose_the_sizes_of_the_whole_picture(radius):
-    """Rays march at one, two and three smaller sizes where everything is blurred; decibels.
+    """Rays march at one and two smaller sizes where everything is blurred; decibels.
 
     Tiles of the smaller sizes at the joint of two strips may draw other numbers of rays: noise of few pixels.
     """
