@@ -21,6 +21,7 @@ from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
 from bokehnet.studio.files.archive import read_session, write_session
 from bokehnet.studio.files.uploads import safe_name
+from bokehnet.studio.help_texts import label_of
 from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
@@ -41,11 +42,27 @@ _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Step:
-    """State to which undo returns."""
+    """State to which undo returns.
+
+    Attributes:
+        settings: Settings of the render.
+        strokes: Strokes of the brush.
+        preset: Name of the selected preset; empty without one.
+        change: Words for the change that led from this state to the next one.
+    """
 
     settings: RenderSettings
     strokes: tuple[Stroke, ...]
     preset: str
+    change: str
+
+
+def _words_of_change(changes: Mapping[str, Any]) -> str:
+    """Return words for a change of settings: the label of its control, or the name of its group."""
+    paths = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
+    if "focus" in changes or not paths:
+        return "Focus" if "focus" in changes else ", ".join(changes).capitalize()
+    return label_of(paths[0])
 
 
 class Session:
@@ -200,7 +217,8 @@ class Session:
             check_reachable(values, before)
             settings = RenderSettings().updated(merged(table, values))
             if settings != before:
-                self._remember([f"{group}.{name}" for group, fields in changes.items() for name in fields])
+                controls = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
+                self._remember(_words_of_change(changes), controls or list(changes))
             self.settings = settings
         self._repair_again(before)
         return settings
@@ -216,28 +234,29 @@ class Session:
         opened.repaired = None
         self._repair()
 
-    def _remember(self, control: Any = None) -> None:
+    def _remember(self, change: str, control: Any = None) -> None:
         """Add the current state to the history; values of one control in quick succession are one step.
 
         Args:
+            change: Words for the change that follows.
             control: Changed control; None for a change that is always a step of its own.
         """
         (last, then), now = self._last_change, monotonic()
         self._last_change = control, now
         self._undone.clear()
         if control is None or control != last or now - then > _MAX_DRAG_PAUSE or not self._done:
-            self._done.append(self._step())
+            self._done.append(self._step(change))
 
-    def _step(self) -> _Step:
+    def _step(self, change: str) -> _Step:
         strokes = () if self.opened is None else tuple(self.opened.strokes)
-        return _Step(settings=self.settings, strokes=strokes, preset=self.preset)
+        return _Step(settings=self.settings, strokes=strokes, preset=self.preset, change=change)
 
     def apply_preset(self, preset: str) -> RenderSettings:
         """Apply a shipped preset in place of the current look."""
         with self._lock:
             settings = self._with_preset(preset)
             if (settings, preset) != (self.settings, self.preset):
-                self._remember()
+                self._remember(f"Preset {preset or 'none'}")
             self.settings, self.preset = settings, preset
             return settings
 
@@ -264,30 +283,35 @@ class Session:
         }
 
     @property
-    def history(self) -> dict[str, int]:
-        """Number of steps that can be undone, and of those that can be redone."""
-        return {"done": len(self._done), "undone": len(self._undone)}
+    def history(self) -> dict[str, Any]:
+        """Number of steps that can be undone, of those that can be redone, and the words of all."""
+        changes = [step.change for step in (*self._done, *reversed(self._undone))]
+        return {"done": len(self._done), "undone": len(self._undone), "changes": changes}
 
     def stroke(self, table: Mapping[str, Any]) -> None:
         """Add a stroke of the brush."""
         opened = self._open_one()
         with self._lock:
             stroke = Stroke.from_table(table)
-            self._remember()
+            self._remember(f"Brush: {stroke.effect}")
             opened.change_strokes([*opened.strokes, stroke])
 
-    def step(self, back: bool) -> None:
-        """Undo or redo a change of settings, preset or strokes."""
+    def step(self, back: bool, count: int = 1) -> None:
+        """Undo or redo changes of settings, preset or strokes.
+
+        Args:
+            back: True to undo.
+            count: Number of changes; those that do not exist are ignored.
+        """
         opened, before = self._open_one(), self.settings
         with self._lock:
             source, target = (self._done, self._undone) if back else (self._undone, self._done)
-            if not source:
-                return
-            target.append(self._step())
-            step = source.pop()
-            self.settings, self.preset, self._last_change = step.settings, step.preset, (None, 0.0)
-            if step.strokes != tuple(opened.strokes):
-                opened.change_strokes(step.strokes)
+            for _ in range(min(count, len(source))):
+                step = source.pop()
+                target.append(self._step(step.change))
+                self.settings, self.preset, self._last_change = step.settings, step.preset, (None, 0.0)
+                if step.strokes != tuple(opened.strokes):
+                    opened.change_strokes(step.strokes)
         self._repair_again(before)
 
     def export(self, name: str) -> None:
