@@ -18,9 +18,9 @@ import numba
 import numpy as np
 
 from benchmarks.measurement import extra_memory, in_own_process, median_seconds, scene, time_in_turns
+from benchmarks.methods.rivals import double_loop, open_lens_blur
 from benchmarks.quality.cycles import read_shots, scene_folders
-from benchmarks.quality.score_table import Engine, Row, print_header, print_scores, score
-from benchmarks.speed.rivals import double_loop, open_lens_blur
+from benchmarks.quality.tables.score_table import Engine, Row, print_header, print_scores, score
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image
@@ -196,7 +196,7 @@ def print_gain(rows: list[Row]) -> None:
 
 def print_quality(shared: Path, data: Path) -> None:
     """Print scores on ray-traced planes and on the path-traced scenes."""
-    from benchmarks.quality.traced import (  # local import: only this section needs torch
+    from benchmarks.quality.scenes.traced import (  # local import: only this section needs torch
         LAMPS,
         PLANES,
         read_traced,

@@ -24,9 +24,9 @@ EARLIER_NAMES: dict[str, dict[str, str]] = {
 }
 
 
-def warn_deprecated(message: str) -> None:
-    """Warn the caller of the function that calls this one."""
-    warnings.warn(message, DeprecationWarning, stacklevel=3)
+def warn_deprecated(message: str, level: int = 1) -> None:
+    """Warn the caller of the function that calls this one, or one ``level`` calls above."""
+    warnings.warn(message, DeprecationWarning, stacklevel=level + 2)
 
 
 def renamed_keywords(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:

@@ -25,7 +25,8 @@ class EngineSpec:
         traces_rays: Whether pupil rays are traced, so that aberrations, colour fringes and occluded
             surfaces are rendered.
         sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
-            correction has to suppress (:func:`bokehnet.coarse_to_fine.suppress_foreground_outlines`).
+            correction has to suppress (by
+            :func:`bokehnet.inference.coarse_to_fine.suppress_foreground_outlines`).
         strip_halo: Rows around a strip on which its result depends, in units of the blur radius.
         bytes_per_pixel: Peak memory per pixel of a strip, beyond input and output.
         in_strips: Whether large pictures can be rendered in strips under ``max_memory``.
@@ -54,6 +55,7 @@ _RAYS = EngineSpec(
     traces_rays=True,
     strip_halo=2,  # rays cross one radius, occluded background is inpainted from one more
     bytes_per_pixel=156,
+    one_file=True,
 )
 _SCATTER = EngineSpec(
     name="scatter",
@@ -70,7 +72,9 @@ ENGINES: dict[str, EngineSpec] = {
     for spec in (
         _RAYS,
         _SCATTER,
-        replace(_RAYS, name="hybrid", about="rays, corrected by a network", networks="hybrid"),
+        replace(
+            _RAYS, name="hybrid", about="rays, corrected by a network", networks="hybrid", one_file=False
+        ),
         replace(
             _SCATTER,
             name="neural",

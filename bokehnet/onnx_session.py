@@ -10,7 +10,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bokehnet.forking import ForkSafeLock, renew_in_children
+from bokehnet.processes.forking import ForkSafeLock, renew_in_children
 
 __all__ = ["CPU", "OnnxSession", "load_onnxruntime"]
 

@@ -109,7 +109,7 @@ MUTANTS = (
         "io/depth/depth_coding.py",
         "1 / ((1 - values) / first + values / last)",
         "(1 - values) / first + values / last",
-        "io/test_phone_depth.py",
+        "io/depth/test_phone_depth.py",
     ),
 )
 

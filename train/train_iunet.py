@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.arrays.pyramid import downsample2
-from bokehnet.coarse_to_fine import render_neural
+from bokehnet.inference.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNetConfig
 from train.data.crops import DataConfig, PreparedCrops

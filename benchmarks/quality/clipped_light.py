@@ -1,8 +1,9 @@
 """Recovery of clipped light on traced scenes: ``python -m benchmarks.quality.clipped_light``.
 
-Scenes of :mod:`benchmarks.quality.light_scenes` are stored by cameras in 8 bits and rendered by the rays,
-with and without recovery. The truth is traced through the lens and stored by the same camera. ``gap closed``
-is the gain in dB relative to that of a picture with its true light. Matter should gain and lose nothing.
+Scenes of :mod:`benchmarks.quality.scenes.light_scenes` are stored by cameras in 8 bits and rendered by the
+rays, with and without recovery. The truth is traced through the lens and stored by the same camera. ``gap
+closed`` is the gain in dB relative to that of a picture with its true light. Matter should gain and lose
+nothing.
 ``--ablate`` switches parts of the recovery off.
 """
 
@@ -12,7 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.quality.light_scenes import CAMERAS, LIGHT, MATTER, CameraCurve, LightCase, cases, decoded
+from benchmarks.quality.scenes.light_scenes import (
+    CAMERAS,
+    LIGHT,
+    MATTER,
+    CameraCurve,
+    LightCase,
+    cases,
+    decoded,
+)
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
 from bokehnet.light.recovery import recover_light

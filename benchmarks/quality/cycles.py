@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.score_table import Engine, print_header, print_scores, score
+from benchmarks.quality.tables.score_table import Engine, print_header, print_scores, score
 from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from train.scores.evaluation_sets import path_traced_shots as read_shots

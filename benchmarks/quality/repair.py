@@ -17,7 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.repair_material import ESTIMATORS, FAULTS, Scene, read_scenes, same_textured_scene
+from benchmarks.quality.scenes.repair_material import (
+    ESTIMATORS,
+    FAULTS,
+    Scene,
+    read_scenes,
+    same_textured_scene,
+)
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.config import STAGES, RepairConfig
 from bokehnet.depth_repair.repair import DisparityRepair

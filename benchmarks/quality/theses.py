@@ -1,11 +1,11 @@
 """Comparison of all methods of four theses: ``python -m benchmarks.quality.theses [FOLDER] [--engine NAME]``.
 
-Prints the faults of each method on probes with known blur (:mod:`benchmarks.quality.fault_probes`), its time
-and memory, its flicker on a pan (:mod:`benchmarks.experiments.edges.pan`), and its scores on the path-traced
-scenes in FOLDER (:func:`train.scores.evaluation_sets.path_traced_pictures`; default ``../shared/cycles``):
-PSNR within the blur's reach of a depth step and over all pixels, FLIP, and seconds; then everything as one
-table (:mod:`benchmarks.quality.theses_table`), which ``--table JSON ...`` prints from saved runs. Methods
-that support only discs render discs where a shot has blades.
+Prints the faults of each method on probes with known blur (:mod:`benchmarks.quality.scenes.fault_probes`),
+its time and memory, its flicker on a pan (:mod:`benchmarks.experiments.edges.pan`), and its scores on the
+path-traced scenes in FOLDER (:func:`train.scores.evaluation_sets.path_traced_pictures`; default
+``../shared/cycles``): PSNR within the blur's reach of a depth step and over all pixels, FLIP, and seconds;
+then everything as one table (:mod:`benchmarks.quality.tables.theses_table`), which ``--table JSON ...``
+prints from saved runs. Methods that support only discs render discs where a shot has blades.
 """
 
 import argparse
@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.experiments.edges.pan import flicker, pan
 from benchmarks.measurement import extra_memory, median_seconds, scene
-from benchmarks.quality.fault_probes import FAULTS, faults
-from benchmarks.quality.theses_table import Figures, merged, table
+from benchmarks.quality.scenes.fault_probes import FAULTS, faults
+from benchmarks.quality.tables.theses_table import Figures, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.engines.engine import Engine

@@ -27,7 +27,7 @@ import numpy as np
 from benchmarks.classical import BLUR, FOCUS, photograph
 from benchmarks.figures import write_figures
 from benchmarks.measurement import scene, time_in_turns
-from benchmarks.speed.rivals import double_loop
+from benchmarks.methods.rivals import double_loop
 from bokehnet.arrays.resample import resample
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.engine_registry import ENGINES
@@ -47,7 +47,7 @@ def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
     """
     import torch
 
-    from bokehnet.coarse_to_fine import render_neural
+    from bokehnet.inference.coarse_to_fine import render_neural
     from bokehnet.models.arnet import ARNet, ARNetConfig
     from bokehnet.models.iunet import IUNet, IUNetConfig
 

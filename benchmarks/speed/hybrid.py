@@ -9,7 +9,7 @@ import argparse
 import numpy as np
 
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
-from benchmarks.speed.rivals import double_loop
+from benchmarks.methods.rivals import double_loop
 from bokehnet.engine_registry import ENGINES
 from bokehnet.render.renderer import BokehRenderer
 

@@ -57,6 +57,8 @@ lommel            spread.lommel_spots           disc      Potmesil and Chakravar
 rectangle         spread.spreading              disc      Kosloff 2009
 perimeter         spread.spreading              any       Kosloff 2009
 hybrid_spreading  spread.spreading              any       Kosloff 2010
+spread_intervals  spread.layered_spreading      any       Kosloff 2009
+spread_pixel_layers spread.layered_spreading    any       Lee 2008
 lens_spreading    spread.lens_tables            any       thesis 001
 image_rays        rays.image_based_rays         any       Lee 2010
 bokehme_scatter   spread.bokehme                disc      Peng 2022
@@ -80,6 +82,8 @@ _FAULTS = {
     "rectangle": f"square blur; {_ORDER_FAULT}",
     "perimeter": _ORDER_FAULT,
     "hybrid_spreading": f"square blur where contrast is low; {_ORDER_FAULT}",
+    "spread_intervals": "holes behind foregrounds; seams where surfaces cross intervals",
+    "spread_pixel_layers": "holes behind foregrounds; all surfaces on one side of a pixel mix",
     "lens_spreading": f"slow; {_ORDER_FAULT}",
     "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
     "bokehme_scatter": _ORDER_FAULT,

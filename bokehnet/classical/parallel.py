@@ -5,7 +5,7 @@ import sys
 import numba
 
 from bokehnet.errors import BokehnetError
-from bokehnet.forking import ForkSafeLock
+from bokehnet.processes.forking import ForkSafeLock
 
 __all__ = ["parallel_region"]
 

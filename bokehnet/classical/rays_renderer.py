@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import (
-    ALIGNED,
     MAX_RADIUS_IN_SIDES,
     ClassicalOptions,
     ClassicalResult,
@@ -31,11 +29,11 @@ from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_tabl
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
 from bokehnet.classical.layered.march.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
-from bokehnet.classical.layered.march.ray_averages import window_halo
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
+from bokehnet.classical.layered.march.resolution_levels import levels_halo, march_levels
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter, scatter_beyond
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -43,7 +41,7 @@ from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
+__all__ = ["CPU", "Device", "pupil_pattern", "rays", "render_rays"]
 
 
 class Device(NamedTuple):
@@ -77,7 +75,7 @@ _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pupil_pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rays of a pixel as points of one low-discrepancy sequence, so that any prefix is even.
 
     Returns:
@@ -180,48 +178,6 @@ def _stage_progress(
     return report
 
 
-def scatter_beyond(
-    image: np.ndarray,
-    defocus: np.ndarray,
-    aperture: Aperture,
-    reach: int,
-    strip: Strip | None,
-    viewport: Viewport,
-    scattered: Callable[..., np.ndarray] = scatter,
-) -> np.ndarray:
-    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
-
-    The blur radius of the border is repeated. A cat's-eye is measured from the corners of the picture itself,
-    so such pictures keep their size. Where a strip ends inside the picture nothing is added, but rows are
-    omitted so that blocks align with those of the whole picture.
-
-    Args:
-        image: Scene-linear picture, (H, W, 3) float32.
-        defocus: Signed blur radius, (H, W) pixels.
-        aperture: Shape of the aperture.
-        reach: Number of pixels beyond each border.
-        strip: Position of these rows in their picture; ``None`` for all rows.
-        viewport: Position of the arrays in the shown picture.
-        scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
-    """
-    if reach == 0 or aperture.cats_eye > 0:
-        return scattered(image, defocus, aperture, viewport)
-    above = below = reach
-    skipped = 0
-    if strip is not None and strip.first > 0:
-        above, skipped = 0, -(reach + strip.first) % ALIGNED
-    if strip is not None and strip.last < strip.height:
-        below = 0
-    padding = ((above, below), (reach, reach))
-    larger = scattered(
-        beyond_border(image[skipped:], above, below, reach),
-        np.pad(defocus[skipped:], padding, "edge"),
-        aperture,
-    )
-    inside = larger[above : len(larger) - below, reach:-reach]
-    return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Job:
     """Picture and options of one render; options as in :class:`ClassicalOptions`."""
@@ -262,8 +218,8 @@ class _Rays:
     """Rays of a render: pattern in the pupil, lens, and the pixels that they serve.
 
     Attributes:
-        points: See :func:`_pattern`.
-        weights: See :func:`_pattern`.
+        points: See :func:`pupil_pattern`.
+        weights: See :func:`pupil_pattern`.
         lens: Lens of the rays; ``None`` for a perfect one.
         fringes: Colour fringes, if the lens has nothing else.
         extents: Extents of the bundles of smooth tiles; ``None`` for a perfect lens.
@@ -297,7 +253,7 @@ def _render(job: _Job) -> ClassicalResult:
     report = _stage_progress(job.progress, seconds)
     report(0, 1)
     if strip is not None:  # keep the halo over which the rays of large discs are averaged
-        halo = -(-window_halo(pupil_rays.reach) // TILE) * TILE
+        halo = -(-levels_halo(pupil_rays.reach) // TILE) * TILE
         rays_mask[: max(0, strip.output_rows.start - halo)] = False
         rays_mask[strip.output_rows.stop + halo :] = False
     if rays_mask.any():
@@ -330,7 +286,7 @@ def _make_rays(
     job: _Job, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
 ) -> _Rays:
     """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
-    points, weights, chances = _pattern(job.aperture)
+    points, weights, chances = pupil_pattern(job.aperture)
     response = job.lens_response
     if response is None or response.is_ideal:
         return _Rays(
@@ -360,7 +316,7 @@ def _make_rays(
 
 def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
     """Return the scatter of the picture, (H, W, 3), with colour fringes if the lens has nothing else."""
-    reach = min(pupil_rays.reach if pupil_rays.fringes is not None else radius, max(job.size))
+    reach = pupil_rays.reach if pupil_rays.fringes is not None else radius
 
     def scattered(radii: np.ndarray) -> np.ndarray:
         viewport = job.picture_viewport.below(job.above)
@@ -396,7 +352,8 @@ def _render_layers(
     report(1, 1)
     rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
-    del stack, rest
+    has_levels = job.layers is None and pupil_rays.lens is None and job.device.march is None
+    del stack
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
@@ -404,27 +361,30 @@ def _render_layers(
     near, marched = _bundle_smooth_tiles(job, pupil_rays, colors, cells, rays_mask, result)
     bundled = None if marched is rays_mask else np.array(result)
     bins = occupied_bins(cells, *within)
-    march(
-        RaysJob(
-            colors=colors,
-            cells=cells,
-            rays_mask=marched,
-            bins=bins,
-            points=pupil_rays.points,
-            weights=pupil_rays.weights,
-            radius=pupil_rays.reach,
-            nominal_rays=round(job.rays_factor * pupil_rays.nominal),
-            cats_eye=job.aperture.cats_eye,
-            lens=pupil_rays.lens,
-            seed=job.seed,
-            above=job.above,
-            viewport=job.picture_viewport,
-        ),
-        result,
-        disocclusion_weight,
-        progress=lambda fraction: report(2, fraction),
-        send=job.device.march,
+    rays_job = RaysJob(
+        colors=colors,
+        cells=cells,
+        rays_mask=marched,
+        bins=bins,
+        points=pupil_rays.points,
+        weights=pupil_rays.weights,
+        radius=pupil_rays.reach,
+        nominal_rays=round(job.rays_factor * pupil_rays.nominal),
+        cats_eye=job.aperture.cats_eye,
+        lens=pupil_rays.lens,
+        seed=job.seed,
+        above=job.above,
+        viewport=job.picture_viewport,
     )
+
+    def report_rays(fraction: float) -> None:
+        report(2, fraction)
+
+    if has_levels:
+        march_levels(rays_job, rest, result, disocclusion_weight, report_rays)
+    else:
+        march(rays_job, result, disocclusion_weight, progress=report_rays, send=job.device.march)
+    del rest
     if bundled is not None:
         with parallel_region:
             _blend(bundled, near, marched, result)

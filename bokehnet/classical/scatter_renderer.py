@@ -1,14 +1,24 @@
 """Scatter renderer: every pixel spreads over the shape of the aperture; the sums are normalised."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.beyond_border import beyond_border
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.classical.base import ClassicalOptions, ClassicalResult, check_ideal_except_tilt, check_inputs
+from bokehnet.classical.base import (
+    ALIGNED,
+    ClassicalOptions,
+    ClassicalResult,
+    Strip,
+    check_ideal_except_tilt,
+    check_inputs,
+)
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
@@ -18,7 +28,11 @@ from bokehnet.deprecation import renamed_keywords
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["render_scatter", "scatter"]
+__all__ = ["MAX_CONTINUATION", "render_scatter", "scatter", "scatter_beyond"]
+
+# Largest continuation beyond each border as a fraction of the shorter side: discs that reach farther are
+# normalised by the light within, so that a huge blur costs at most four times the pixels and keeps its color.
+MAX_CONTINUATION = 0.5
 
 Picture = TypeVar("Picture", bound=npt.NDArray[np.floating[Any]])
 
@@ -62,7 +76,9 @@ def scatter(
 
     Returns:
         Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
-        their value; picture borders are not darkened.
+        their value. Outside the picture there is no light: the sums are divided by the part of the discs
+        inside, so that borders are not darkened. The engines continue the picture beyond its border first,
+        see :func:`scatter_beyond`.
 
     Raises:
         ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
@@ -91,6 +107,47 @@ def scatter(
     return cast(Picture, bokeh)
 
 
+def scatter_beyond(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None,
+    reach: int,
+    strip: Strip | None,
+    viewport: Viewport,
+    scattered: Callable[..., np.ndarray] = scatter,
+) -> np.ndarray:
+    """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
+
+    The blur radius of the border is repeated. Where a strip ends inside the picture, only as many rows are
+    added above it as align its blocks with those of the whole picture; they reach no valid row.
+
+    Args:
+        image: Scene-linear picture, (H, W, 3) float32.
+        defocus: Signed blur radius, (H, W) pixels.
+        aperture: Shape of the aperture; default: a disc.
+        reach: Maximum distance of a pixel's light from it, pixels.
+        strip: Position of these rows in their picture; ``None`` for all rows.
+        viewport: Position of the arrays in the shown picture.
+        scattered: Function that scatters, as :func:`scatter`.
+    """
+    height, width = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    reach = min(reach, math.ceil(MAX_CONTINUATION * min(height, width)))
+    if reach == 0:
+        return scattered(image, defocus, aperture, viewport)
+    above = below = reach
+    if strip is not None and strip.first > 0:
+        above = (reach + strip.first) % ALIGNED
+    if strip is not None and strip.last < height:
+        below = 0
+    larger = scattered(
+        beyond_border(image, above, below, reach),
+        np.pad(defocus, ((above, below), (reach, reach)), "edge"),
+        aperture,
+        replace(viewport, left=viewport.left - reach, top=viewport.top - above),
+    )
+    return np.ascontiguousarray(larger[above : above + len(image), reach : reach + width])
+
+
 def render_scatter(
     image: np.ndarray,
     defocus: np.ndarray,
@@ -99,6 +156,8 @@ def render_scatter(
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Render with the scatter, and add the geometric error map; arguments and errors as for :func:`scatter`.
+
+    Beyond its border the picture continues, see :func:`scatter_beyond`.
 
     The scatter unmixes no pixels and ignores the pixel filter. Of the lens it supports only the tilt of the
     focus plane, as far as the defocus contains it: discs stay round.
@@ -111,7 +170,10 @@ def render_scatter(
     strip, viewport, progress = options.get("strip"), options.get("viewport"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     viewport = (viewport or Viewport.whole(*size)).below(0 if strip is None else strip.first)
-    bokeh = (scattered or scatter)(image, defocus, aperture, viewport)
+    radius = (
+        math.ceil(max(float(defocus.max()), -float(defocus.min()))) if strip is None else strip.max_coc_radius
+    )
+    bokeh = scatter_beyond(image, defocus, aperture, radius, strip, viewport, scattered or scatter)
     if progress is not None:
         progress(0.9)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 
-from bokehnet.cli.commands.compare import compare
 from bokehnet.cli.commands.demo import demo
 from bokehnet.cli.commands.depth import depth
 from bokehnet.cli.commands.export import export
@@ -21,8 +20,8 @@ from bokehnet.cli.commands.presets import presets
 from bokehnet.cli.commands.serve import serve
 from bokehnet.cli.commands.studio import studio
 from bokehnet.cli.commands.synth import synth
-from bokehnet.cli.commands.trace import trace
 from bokehnet.cli.commands.warm_up import warm_up
+from bokehnet.cli.compare.command import compare
 from bokehnet.cli.completion import install_completion, show_completion
 from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import message_of
@@ -35,6 +34,7 @@ from bokehnet.cli.streams import (
     shortage,
     write_failure,
 )
+from bokehnet.cli.trace.command import trace
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.version import __version__
 

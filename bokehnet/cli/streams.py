@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 
-from bokehnet.process_limits import address_space_limit
+from bokehnet.processes.limits import address_space_limit
 
 __all__ = [
     "LibraryLines",

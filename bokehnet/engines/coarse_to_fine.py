@@ -1,8 +1,9 @@
 """Correction by the networks: ARNet's alone, computed once on a small copy of the picture; or level by level.
 
-Without an IUNet the formulas and the result are those of :func:`bokehnet.coarse_to_fine.render_neural`. But
-there are no levels: only the small arrays are kept and then applied to any rows of the picture, and only
-pixels where the classical render can be wrong are processed at full size.
+Without an IUNet the formulas and the result are those of
+:func:`bokehnet.inference.coarse_to_fine.render_neural`. But there are no levels: only the small arrays are
+kept and then applied to any rows of the picture, and only pixels where the classical render can be wrong are
+processed at full size.
 """
 
 from dataclasses import dataclass
@@ -13,16 +14,16 @@ from numba import prange
 from bokehnet.arrays.pyramid import count_halvings, upsample2
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.coarse_to_fine import (
+from bokehnet.engines.small_copy import SmallCopy
+from bokehnet.engines.tiling import refine_in_tiles
+from bokehnet.fusion import fuse
+from bokehnet.inference.coarse_to_fine import (
     apply_change,
     encoded_change,
     render_neural,
     run_arnet,
     suppress_foreground_outlines,
 )
-from bokehnet.engines.small_copy import SmallCopy
-from bokehnet.engines.tiling import refine_in_tiles
-from bokehnet.fusion import fuse
 from bokehnet.inference.session import Networks
 from bokehnet.kernels import njit
 

@@ -26,7 +26,7 @@ from bokehnet.engines.coarse_to_fine import (
 )
 from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
-from bokehnet.engines.options import RenderOptions, accepts_option_keywords
+from bokehnet.engines.options import RenderOptions, with_option_keywords
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
@@ -228,13 +228,13 @@ class Engine:
             make_on("cpu", self.classical_name) if requested_device == "auto" and not baseline else None
         )
 
-    @accepts_option_keywords
     def render(
         self,
         image: np.ndarray,
         defocus: np.ndarray,
         progress: Progress | None = None,
         options: RenderOptions | None = None,
+        **deprecated: Any,
     ) -> EngineResult:
         """Render one picture from its defocus.
 
@@ -245,6 +245,7 @@ class Engine:
                 render.
             options: Aperture, lens, tone, known surfaces and memory; default: those of
                 :class:`RenderOptions`.
+            deprecated: Fields of the options as keywords; version 0.3 removes them.
 
         Raises:
             ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
@@ -254,7 +255,7 @@ class Engine:
             ModelFileError: ``expected_error`` needs a network that is missing or damaged.
         """
         check_kind("options", options, RenderOptions, optional=True)
-        options = options or RenderOptions()
+        options = with_option_keywords(options, deprecated) or RenderOptions()
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         self._check_options(options, image, defocus)
         defocus, options = _within_radius_limit(defocus, options)
@@ -333,13 +334,13 @@ class Engine:
         is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
-        if memory is None and is_indivisible:
-            return [None]
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         max_ray_reach = None
-        if self.classical_name == "rays":
+        if self.classical_name == "rays":  # raises for an impossible tilt
             max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
+        if memory is None and is_indivisible:
+            return [None]
         if memory is None:
             reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0

@@ -1,9 +1,7 @@
 """Options of a render of arrays: optics, tone, known surfaces and memory in one object."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_kind, check_number
@@ -15,10 +13,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.tone import Highlights
 
-__all__ = ["RenderOptions", "accepts_option_keywords", "split_option_keywords"]
-
-Parameters = ParamSpec("Parameters")
-Result = TypeVar("Result")
+__all__ = ["RenderOptions", "split_option_keywords", "with_option_keywords"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,17 +93,18 @@ def split_option_keywords(keywords: dict[str, Any]) -> tuple[dict[str, Any], dic
     return options, {name: value for name, value in present.items() if name not in names}
 
 
-def accepts_option_keywords(render: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Let ``render`` accept the fields of its ``options`` as keywords, deprecated since version 0.2."""
+def with_option_keywords(options: RenderOptions | None, keywords: dict[str, Any]) -> RenderOptions | None:
+    """Return options with fields that a caller passed as keywords, deprecated since version 0.2.
 
-    @wraps(render)
-    def with_keywords(*args: Parameters.args, **keywords: Parameters.kwargs) -> Result:
-        fields_given, others = split_option_keywords(keywords)
-        if fields_given:
-            names = ", ".join(f"{name}=..." for name in fields_given)
-            message = f"pass options=RenderOptions({names}) instead of keywords; version 0.3 removes them"
-            warn_deprecated(message)
-            others["options"] = replace(others.get("options") or RenderOptions(), **fields_given)
-        return render(*args, **others)  # type: ignore[arg-type]  # the keywords of `render`, with options
-
-    return with_keywords
+    Raises:
+        TypeError: A keyword is no field.
+    """
+    if not keywords:
+        return options
+    present, others = split_option_keywords(keywords)
+    if others:
+        raise TypeError(f"unexpected keyword arguments: {', '.join(others)}")
+    names = ", ".join(f"{name}=..." for name in present)
+    message = f"pass options=RenderOptions({names}) instead of keywords; version 0.3 removes them"
+    warn_deprecated(message, level=2)
+    return replace(options or RenderOptions(), **present)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.coarse_to_fine import BLOCK
+from bokehnet.inference.coarse_to_fine import BLOCK
 from bokehnet.kernels import njit
 
 __all__ = ["SmallCopy"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bokehnet.classical.base import ALIGNED, Strip
-from bokehnet.classical.layered.march.ray_averages import window_halo
+from bokehnet.classical.layered.march.resolution_levels import layers_halo
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ParameterError
 
@@ -28,7 +28,9 @@ def _aligned(row: int) -> int:
 
 
 def _halo(height: int, reach: int, classical: str) -> int:
-    return CLASSICAL[classical].strip_halo * min(reach, height) + max(_MIN_HALO_ROWS, window_halo(reach))
+    spec = CLASSICAL[classical]
+    margin = layers_halo(reach) if spec.traces_rays else 0
+    return spec.strip_halo * min(reach, height) + max(_MIN_HALO_ROWS, margin)
 
 
 def min_strip_rows(height: int, reach: int, classical: str) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bokehnet.arrays.pyramid import upsample2
-from bokehnet.coarse_to_fine import Level, RefineNetwork
+from bokehnet.inference.coarse_to_fine import Level, RefineNetwork
 
 __all__ = ["refine_in_tiles"]
 

@@ -30,7 +30,7 @@ from typing import Any, TextIO
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.integrations.shared_pixels import SharedPixels
 from bokehnet.io.frame import without_origin
-from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderReport

@@ -8,24 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import renamed_keywords
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.color.camera_spaces import INPUT_COLOR_SPACES
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
-from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.color.file_color import FILM_FORMATS, file_color_space
 from bokehnet.io.exr_splice import write_replaced
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.formats.encode import check_readable
 from bokehnet.io.formats.heif import is_heif, read_heif
 from bokehnet.io.formats.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.formats.store import SourceFile, store_picture
+from bokehnet.io.gain_map import GainMap, read_gain_map
 from bokehnet.io.image import check_extra_channels, check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
 from bokehnet.io.metadata.photo_metadata import Metadata, read_metadata
 from bokehnet.io.metadata.rendered_by import renderer_of
-from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.selection_notes import selection_notes
+from bokehnet.io.selection.notes import selection_notes
+from bokehnet.io.selection.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress, part_of
 
@@ -60,6 +62,8 @@ class Frame:
             recognises it, or None.
         path: Path of the file; None for arrays.
         choices: One line for each selection among several pictures of the file.
+        gain_map: Gain map inside a JPEG file, or None.
+        gain_map_error: Reason why a gain map in the file is ignored; empty otherwise.
     """
 
     image: NDArray[np.float32]
@@ -72,37 +76,46 @@ class Frame:
     renderer: str | None = None
     path: Path | None = None
     choices: tuple[str, ...] = ()
+    gain_map: GainMap | None = field(default=None, repr=False)
+    gain_map_error: str = ""
     _origin: _Origin | None = field(default=None, repr=False)
 
     @property
     def is_display_referred(self) -> bool:
         """True for a photograph in whole numbers whose white is 1, so that brighter light is clipped."""
         curves = {curve.kind for curve in self.space.curves}
-        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg"))
+        return self.bits in (8, 16) and not self.space.is_linear and curves.isdisjoint(("pq", "hlg", "log"))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Selections, unsupported profiles and content omitted from a result, one line each."""
         profile = f"{self.space.note} is not followed" if self.space.note else ""
-        return (*self.choices, *filter(None, [profile]), *self.metadata.omitted)
+        gain_map = f"the gain map is ignored: {self.gain_map_error}" if self.gain_map_error else ""
+        return (*self.choices, *filter(None, [profile, gain_map]), *self.metadata.omitted)
 
 
-def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
+def read_frame(path: Path | str, progress: Progress | None = None, color_space: str = "auto") -> Frame:
     """Read a picture with alpha, camera, colour space and metadata.
 
     Unlike :func:`bokehnet.io.image.read_image` it keeps the primaries of the file: no colour is out of gamut
     and negative, and a result written in the same space keeps untouched pixels unchanged.
 
     Args:
-        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF, without
-            camera.
+        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR, PFM, DPX or Cineon file; HEIC and HEIF,
+            without camera.
         progress: Progress callback.
+        color_space: ``"auto"`` for the space that the file names, or one of ``INPUT_COLOR_SPACES``, which
+            replaces it.
 
     Raises:
         ImageFileError: The file cannot be read, has no colours, its colours or alpha hold NaN or infinity,
             or the kind of its colour profile is unsupported.
+        ParameterError: The colour space is unknown, or replaces that of a HEIC file.
     """
+    check_choice("color_space", color_space, ("auto", *INPUT_COLOR_SPACES))
     if is_heif(path):
+        if color_space != "auto":
+            raise ParameterError("input.color_space", "auto for HEIC, which names its own", color_space)
         heif = read_heif(path)
         height, width = heif.image.shape[:2]
         return Frame(
@@ -118,12 +131,17 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
     with ImageFile(path, progress) as file:
         picture = find_picture(file)
         metadata = read_metadata(file.path, file.file_format)
-        space = file_color_space(file, picture.part, metadata.exif)
+        own = color_space == "auto"
+        space = (
+            file_color_space(file, picture.part, metadata.exif) if own else INPUT_COLOR_SPACES[color_space]
+        )
+        film = own and file.file_format in FILM_FORMATS
         image, alpha = read_light_and_alpha(file, picture, space)
         attributes = file.attributes(picture.part)
         height, width = image.shape[:2]
         if file.headers is None:
             camera = camera_from_exif(attributes, width, height)
+            gain_map, gain_map_error = _gain_map(file, picture, metadata)
             return Frame(
                 image=image,
                 alpha=alpha,
@@ -133,6 +151,9 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
                 path=file.path,
+                choices=(f"its colours are read as {space.name}, as its header says",) if film else (),
+                gain_map=gain_map,
+                gain_map_error=gain_map_error,
             )
         state = file.path.stat()
         origin = _Origin(
@@ -149,6 +170,16 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
             choices=selection_notes(file, picture),
             _origin=None if picture.part.deep else origin,  # a blurred picture has no deep samples to store
         )
+
+
+def _gain_map(file: ImageFile, picture: Picture, metadata: Metadata) -> tuple[GainMap | None, str]:
+    """Return the gain map of a JPEG file, and the reason why a damaged one is ignored."""
+    if file.file_format != "jpeg":
+        return None, ""
+    try:
+        return read_gain_map(file.path, picture.part.orientation, metadata.exif), ""
+    except ImageFileError as problem:
+        return None, str(problem).removeprefix(f"{file.path}: ")
 
 
 def without_origin(frame: Frame) -> Frame:

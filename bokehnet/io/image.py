@@ -28,8 +28,8 @@ from bokehnet.io.formats.output_format import (
 )
 from bokehnet.io.formats.store import SourceFile, store_picture
 from bokehnet.io.metadata.photo_metadata import read_metadata
-from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.picture import find_picture, read_light
 
 __all__ = [
     "IMAGE_EXTENSIONS",

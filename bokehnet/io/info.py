@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.formats.heif import is_heif, read_heif
+from bokehnet.io.gain_map import read_gain_map
 from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata.gain_map import gain_map_kind
 from bokehnet.io.metadata.photo_metadata import read_metadata
@@ -100,7 +101,7 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             parts=len(file.parts),
             ranges=ranges,
             depth_map=_depth_map(file.path) if file.file_format == "jpeg" else "",
-            gain_map=gain_map_kind(file.path) if file.file_format == "jpeg" else "",
+            gain_map=_gain_map(file, first.orientation) if file.file_format == "jpeg" else "",
             pixel_aspect=first.window.pixel_aspect,
         )
 
@@ -122,6 +123,22 @@ def _heif_info(path: Path) -> ImageInfo:
         depth_map=_depth_map(path),
         gain_map=gain_map_kind(path),
     )
+
+
+def _gain_map(file: ImageFile, orientation: int) -> str:
+    """Return a description of the gain map inside a JPEG file; empty if there is none."""
+    kind = gain_map_kind(file.path)
+    if not kind:
+        return ""
+    try:
+        exif = read_metadata(file.path, file.file_format).exif
+        gain_map = read_gain_map(file.path, orientation, exif)
+    except ImageFileError as problem:
+        return f"{kind}, damaged ({str(problem).removeprefix(f'{file.path}: ')})"
+    if gain_map is None:
+        return kind
+    height, width = gain_map.stored.shape[:2]
+    return f"{gain_map.kind}, {width} x {height} pixels, up to {gain_map.largest:.3g}x white"
 
 
 def _depth_map(path: Path) -> str:

@@ -14,8 +14,8 @@ from bokehnet.io.depth.false_colors import COLOR_MAPS, decode_colors, recognise_
 from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, read_numpy_map
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS, unpack_depth
 from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
-from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
+from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.picture import find_picture
 
 __all__ = ["check_overwrite"]
 

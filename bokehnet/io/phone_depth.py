@@ -19,10 +19,10 @@ from bokehnet.io.depth.google_depth import google_depth
 from bokehnet.io.formats.heif import is_heif, read_heif_depth
 from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.metadata.xmp import jpeg_xmp
-from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile, apply_orientation
+from bokehnet.io.selection.picture import find_picture, read_light
 
-__all__ = ["PhoneDepth", "has_phone_depth", "read_phone_depth"]
+__all__ = ["PhoneDepth", "embedded_picture", "has_phone_depth", "read_phone_depth"]
 
 _EXTENSIONS = {JPEG_START: ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
 _MAX_GREY_DIFFERENCE = 0.1  # largest difference of the channels of a grey pixel
@@ -124,7 +124,7 @@ def _decode(path: Path, stored: StoredDepth, orientation: int, space: ColorSpace
 
 def _read_grey(path: Path, picture: bytes, orientation: int) -> NDArray[np.float32]:
     """Decode a map, which has the orientation of its photo, whatever its own metadata state."""
-    with _embedded(path, picture, "depth map") as name, ImageFile(name) as file:
+    with embedded_picture(path, picture, "depth map") as name, ImageFile(name) as file:
         part = file.parts[0]
         names = [channel for channel in part.channels if channel != part.alpha]
         values = file.read(replace(part, orientation=orientation), names)
@@ -138,7 +138,7 @@ def _read_original(path: Path, picture: bytes, orientation: int, space: ColorSpa
 
     A picture without orientation or profile has those of its photo.
     """
-    with _embedded(path, picture, "original picture") as name, ImageFile(name) as file:
+    with embedded_picture(path, picture, "original picture") as name, ImageFile(name) as file:
         original = find_picture(file)
         own = file_color_space(file, original.part, read_metadata(name, file.file_format).exif)
         own = space if own == SRGB else own
@@ -148,7 +148,7 @@ def _read_original(path: Path, picture: bytes, orientation: int, space: ColorSpa
 
 
 @contextmanager
-def _embedded(path: Path, content: bytes, role: str) -> Iterator[Path]:
+def embedded_picture(path: Path, content: bytes, role: str) -> Iterator[Path]:
     """Provide bytes as a file inside the block; errors name the photo and the role of the file in it."""
     label = f"{path}: the {role} inside"
     extension = next((name for start, name in _EXTENSIONS.items() if content.startswith(start)), None)

@@ -20,7 +20,7 @@ from bokehnet.io.containers.pfm import PfmInput, is_pfm
 from bokehnet.io.exr.deep import flatten
 from bokehnet.io.exr.deep_chunks import DeepSamples, largest_band, read_samples
 from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
-from bokehnet.io.window import Window
+from bokehnet.io.window import Window, plausible_aspect
 from bokehnet.progress import Progress
 
 __all__ = [
@@ -31,16 +31,26 @@ __all__ = [
     "as_stored",
 ]
 
-READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr", ".pfm", ".jxl")
+READABLE_EXTENSIONS = (
+    ".jpg",
+    ".jpeg",
+    ".png",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".exr",
+    ".hdr",
+    ".pfm",
+    ".jxl",
+    ".dpx",
+    ".cin",
+)
 
-_FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr", "pfm", "jpegxl")
+_FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr", "pfm", "jpegxl", "dpx", "cineon")
 _LINEAR_FORMATS = ("openexr", "hdr", "pfm")
 _FLOAT_TYPES = ("half", "float", "double")
 
 _TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
-
-# Aspect ratios of pixels beyond this or its inverse are faults, and within the tolerance of 1 rounding.
-_MIN_PIXEL_ASPECT, _SQUARE_TOLERANCE = 0.25, 0.01
 
 # Rows per band, a multiple of the rows per chunk; fewer where rows are long, except with DWAB (256 rows).
 _DEEP_SAMPLE_BYTES = 60  # memory of a deep sample while it is read
@@ -344,8 +354,7 @@ class ImageFile:
         elif self.file_format == "tiff":
             across, down = (float(spec.get_float_attribute(f"{axis}Resolution", 0.0)) for axis in "XY")
             aspect = down / across if across > 0 and down > 0 else 1.0
-        if not _MIN_PIXEL_ASPECT <= aspect <= 1 / _MIN_PIXEL_ASPECT or abs(aspect - 1) < _SQUARE_TOLERANCE:
-            return 1.0
+        aspect = plausible_aspect(aspect)
         return 1 / aspect if spec.get_int_attribute("Orientation", 1) in _TRANSPOSED else aspect
 
 

@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.viewport import Viewport
 
-__all__ = ["Window"]
+__all__ = ["Window", "plausible_aspect"]
+
+# Aspect ratios of pixels beyond this or its inverse are faults, and within the tolerance of 1 rounding.
+_MIN_PIXEL_ASPECT, _SQUARE_TOLERANCE = 0.25, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,3 +79,14 @@ class Window:
         part = values[top - self.y : bottom - self.y, left - self.x : right - self.x]
         result[top : top + part.shape[0], left : left + part.shape[1]] = part
         return result
+
+
+def plausible_aspect(aspect: float) -> float:
+    """Return width over height of a pixel from a file; 1 if it is implausible or nearly square.
+
+    Examples:
+        >>> [plausible_aspect(value) for value in (2.0, 1.005, 1000.0)]
+        [2.0, 1.0, 1.0]
+    """
+    is_fault = not _MIN_PIXEL_ASPECT <= aspect <= 1 / _MIN_PIXEL_ASPECT
+    return 1.0 if is_fault or abs(aspect - 1) < _SQUARE_TOLERANCE else aspect

@@ -50,6 +50,10 @@ _MAX_TILT_DEGREES = 45.0
 _Six = tuple[float, float, float, float, float, float]
 
 
+# Smallest and largest length, mm, and f-number: beyond them rays lose all digits of double precision.
+_MIN_POSITIVE, _MAX_LENGTH_MM = 1e-6, 1e9
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SurfaceRow:
     """One surface and the medium behind it; air unless a glass is given.
@@ -115,10 +119,11 @@ class SurfaceRow:
             return "stop: expected a plane in air, got a radius"
         if self.radius == 0 or math.isnan(self.radius):
             return f"radius: expected a radius, or inf for a plane, got {self.radius:g}"
-        if (self.thickness < 0 and not self.stop) or not math.isfinite(self.thickness):
-            return f"thickness: expected 0 or more, got {self.thickness:g}"
-        if not 0 < self.semi_diameter < math.inf:
-            return f"semi_diameter: expected more than 0, got {self.semi_diameter:g}"
+        if (self.thickness < 0 and not self.stop) or not abs(self.thickness) <= _MAX_LENGTH_MM:
+            return f"thickness: expected 0 to {_MAX_LENGTH_MM:g}, got {self.thickness:g}"
+        if not _MIN_POSITIVE <= self.semi_diameter <= _MAX_LENGTH_MM:
+            expected = f"{_MIN_POSITIVE:g} to {_MAX_LENGTH_MM:g}"
+            return f"semi_diameter: expected {expected}, got {self.semi_diameter:g}"
         if self.semi_diameter**2 * (1 + self.conic) >= self.radius**2:
             return f"semi_diameter: {self.semi_diameter:g} reaches beyond the radius of {self.radius:g}"
         if not 0 <= self.inner_radius < self.semi_diameter or (self.stop and self.inner_radius):
@@ -198,8 +203,9 @@ class Prescription:
     def problem(self) -> str | None:
         """Return a description of the first invalid value, starting with its key, or None."""
         for key in ("focal_length", "f_number", "image_radius", "design_wavelength"):
-            if not 0 < getattr(self, key) < math.inf:
-                return f"{key}: expected more than 0, got {getattr(self, key):g}"
+            if not _MIN_POSITIVE <= getattr(self, key) <= _MAX_LENGTH_MM:
+                found = getattr(self, key)
+                return f"{key}: expected {_MIN_POSITIVE:g} to {_MAX_LENGTH_MM:g}, got {found:g}"
         min_rows = 2 if any(row.mirror for row in self.surfaces) else 3
         if len(self.surfaces) < min_rows or sum(row.stop for row in self.surfaces) != 1:
             stops = sum(row.stop for row in self.surfaces)

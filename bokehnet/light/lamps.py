@@ -28,7 +28,9 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
         return used
     core = _core_nearness(picture, regions)
     halo = _Halo.of(picture, regions, area, core)
-    is_lamp = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
+    # Maps of thin lamps are unreliable: only pixels that are not clipped can be matter in front.
+    is_behind = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
+    is_lamp = is_behind | (picture.highest[at] >= picture.level)
     centrality = _centrality(picture, regions, halo.weight)
     color, edge = _edge_light(picture, regions, (weight > 0) & (halo.weight < 0.5))
     sharp_flux = float(np.clip(config.sharp_gain * edge, *config.lamp_gain)) * clipped
@@ -149,7 +151,9 @@ class _Halo:
         # A sharp edge widens by the pixel filter alone.
         growth = (wide_radius - radius - config.edge_width) / np.maximum(radius, 0.5)
         nearest = np.zeros(wide.count)
-        np.maximum.at(nearest, wide.labels, picture.relative_nearness(wide.rows, wide.columns))
+        shown = np.flatnonzero(picture.highest[wide.rows, wide.columns] < picture.level)
+        near = picture.relative_nearness(wide.rows[shown], wide.columns[shown])
+        np.maximum.at(nearest, wide.labels[shown], near)
         is_free = nearest[parent] <= core + config.max_depth_span
         return cls(wide, parent, portion, is_free * ramp(growth, config.halo_growth))
 

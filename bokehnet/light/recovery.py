@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.light.areas import add_areas
-from bokehnet.light.bright_picture import Array, BrightPicture
+from bokehnet.light.bright_picture import Array, BrightPicture, ramp
 from bokehnet.light.clip_level import ClipLevel, clip_levels
 from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
 from bokehnet.light.lamps import add_lamps
 
-__all__ = ["RecoveredLight", "recover_light"]
+__all__ = ["RecoveredLight", "measured_light", "recover_light"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -20,12 +20,14 @@ class RecoveredLight:
     Attributes:
         image: Scene-linear picture, (H, W, 3); the input itself if nothing was recovered.
         fraction: Fraction of the pixels that were brightened.
-        largest: Largest estimated light, relative to the clip level; 1 if nothing was recovered.
+        largest: Largest light, relative to the clip level; 1 if nothing was recovered.
+        source: Origin of the light, for the summary.
     """
 
     image: Array
     fraction: float = 0.0
     largest: float = 1.0
+    source: str = "estimated"
 
     @property
     def note(self) -> str:
@@ -33,7 +35,7 @@ class RecoveredLight:
         if not self.fraction:
             return ""
         percent = f"{100 * self.fraction:.2g}" if self.fraction >= 1e-4 else "under 0.01"
-        return f"{percent} % clipped, estimated up to {self.largest:.0f}x white"
+        return f"{percent} % clipped, {self.source} up to {self.largest:.0f}x white"
 
 
 def recover_light(
@@ -80,6 +82,41 @@ def recover_light(
         image=result,
         fraction=float(brightened.mean()),
         largest=float(result[brightened].max() / levels.clipped),
+    )
+
+
+def measured_light(
+    image: Array, light: Array, kind: str, strength: float = 1.0, config: LightConfig = DEFAULT_CONFIG
+) -> RecoveredLight:
+    """Return a picture with the light above white that its gain map measured.
+
+    Pixels from ``config.bright`` up receive it, fully from white up: the tone curve of the rest stays that
+    of the picture.
+
+    Args:
+        image: Scene-linear picture, (H, W, 3), decoded from display-referred values of 0 to 1.
+        light: Light according to the gain map, (H, W, 3).
+        kind: Name of the gain map, for the summary.
+        strength: Factor on the light above the stored one.
+        config: Constants.
+
+    Examples:
+        >>> image = np.array([[[0.1, 0.1, 0.1], [1, 1, 0.9]]], np.float32)
+        >>> measured_light(image, 4 * image, "Ultra HDR").image[0].round(2).tolist()
+        [[0.1..., 0.1..., 0.1...], [4.0, 4.0, 3.5...]]
+    """
+    highest = image.max(-1)
+    weight = ramp(highest, (config.bright, 1.0)).astype(np.float32)
+    excess = np.maximum(light - image, 0) * (np.float32(strength) * weight[..., None])
+    brightened = excess.max(-1, initial=0) > 0
+    if not brightened.any() or not np.isfinite(excess).all():
+        return RecoveredLight(image=image)
+    result = image + excess
+    return RecoveredLight(
+        image=result,
+        fraction=float(brightened.mean()),
+        largest=float(result.max()),
+        source=f"by the {kind} gain map",
     )
 
 

@@ -25,7 +25,7 @@ class ARNetConfig:
         see_classical: True if the network receives and corrects the classical render; the published network
             receives only the all-in-focus picture.
         see_features: True if the network receives the features of the classical renderer
-            (``bokehnet.coarse_to_fine.Level``).
+            (``bokehnet.inference.coarse_to_fine.Level``).
     """
 
     width: int = 128

@@ -236,6 +236,14 @@ class Graph:
         """Return the larger of both."""
         return self.op("Max", a, self.constant(b, a.dtype))
 
+    def floor(self, x: Value) -> Value:
+        """Return the largest whole numbers not above x."""
+        return self.op("Floor", x)
+
+    def round(self, x: Value) -> Value:
+        """Return the nearest whole numbers, halves to even."""
+        return self.op("Round", x)
+
     def log1p(self, x: Value) -> Value:
         """Return the logarithm of 1 + x."""
         return self.op("Log", x + 1)

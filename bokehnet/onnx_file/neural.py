@@ -1,19 +1,19 @@
-"""Neural half as ONNX operators: :mod:`bokehnet.coarse_to_fine` with the sizes and loops of a graph.
+"""Neural half as ONNX operators, with the sizes and loops of a graph.
 
-The formulas are those of that module, called with values of the graph.
+The formulas are those of :mod:`bokehnet.inference.coarse_to_fine`, called with values of the graph.
 """
 
 import numpy as np
 import onnx
 
-from bokehnet.coarse_to_fine import (
+from bokehnet.fusion import fuse
+from bokehnet.inference.coarse_to_fine import (
     BLOCK,
     apply_change,
     encoded_change,
     run_arnet,
     suppress_foreground_outlines,
 )
-from bokehnet.fusion import fuse
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 
@@ -47,7 +47,7 @@ def render_neural(
     network_max_radius: float,
     max_valid_radius: float,
 ) -> Value:
-    """Blend as :func:`bokehnet.coarse_to_fine.render_neural`, IUNet over whole pictures.
+    """Blend as :func:`bokehnet.inference.coarse_to_fine.render_neural`, IUNet over whole pictures.
 
     Args:
         g: Open graph.

@@ -11,25 +11,29 @@ from bokehnet.checks import check_choice
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
-from bokehnet.errors import ModelFileError
+from bokehnet.errors import ModelFileError, ParameterError
+from bokehnet.fusion import fuse
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
+from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
-from bokehnet.onnx_file.scatter import scatter
+from bokehnet.onnx_file.rays import render_rays
+from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.version import __version__
 
-__all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
+__all__ = ["ONE_FILE_ENGINES", "PARITY", "RAYS_PARITY", "build_model", "export_renderer"]
 
 ONE_FILE_ENGINES = tuple(name for name, spec in ENGINES.items() if spec.one_file)
 
-# Minimum PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
-PARITY = 50.0
+# Minimum PSNR in dB, of scene-linear light with white as the peak, between the file and the package. The file
+# of the rays estimates layers in a simpler form (:mod:`bokehnet.onnx_file.layers`).
+PARITY, RAYS_PARITY = 50.0, 30.0
 
 # Heights, widths, blurs and gammas of the comparison: no side is a multiple of a block, one picture
 # has more rows than a block, one a blur beyond all tables.
@@ -78,18 +82,25 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
     ``bokeh`` (H, W, 3), scene-linear. The networks support only gamma 1; with any other the result is that of
-    the engine ``scatter``, and gamma is clipped to 0.2 to 5.
+    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5.
 
     Args:
-        weights: Folder with the networks and their manifest; default: those of the engine.
-        engine: ``"fast"`` or ``"neural"``.
+        weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
+        engine: ``"fast"``, ``"neural"`` or ``"rays"``.
 
     Raises:
-        ParameterError: Another engine.
+        ParameterError: Another engine, or weights for an engine without networks.
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
     check_choice("engine", engine, ONE_FILE_ENGINES)
-    networks = _read_networks(weights or WEIGHTS / str(ENGINES[engine].networks), engine)
+    traces_rays = ENGINES[engine].traces_rays
+    networks = None
+    if traces_rays and weights is not None:
+        raise ParameterError(
+            "weights", f"none for engine {engine}", shown=str(weights), remedy="use engine fast"
+        )
+    if not traces_rays:
+        networks = _read_networks(weights or WEIGHTS / str(ENGINES[engine].networks), engine)
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])
@@ -99,10 +110,14 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     linear = gamma.reshape(1).equals(1)
 
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
-    blurred = scatter(g, encoded, defocus)
+    blurred = scatter_beyond(g, encoded, defocus)
+    if traces_rays:
+        blurred = _traced(g, image, defocus, blurred, gamma)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
+        if networks is None:
+            return classical
         classical_error_map = geometric_error_map(g, defocus)
         return render_neural(
             g,
@@ -121,6 +136,23 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     model = g.model({"bokeh": (bokeh, ["height", "width", 3])}, **about)
     onnx.checker.check_model(model, full_check=True)
     return model
+
+
+def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value) -> Value:
+    """Blend the rays through the layers of a picture with its scatter ``smooth``, both of encoded light."""
+    linear = gamma.reshape(1).equals(1)
+    error_map = geometric_error_map(g, defocus)
+
+    def encode(colors: Value) -> Value:
+        return g.branch(linear, lambda: colors, lambda: gamma_curve(g, image, gamma).encode(colors))
+
+    def blended() -> Value:
+        layers = split_layers(g, image, defocus)
+        first, second = (encode(colors) for colors in layers.colors)
+        rays = render_rays(g, layers._replace(colors=(first, second)), error_map)
+        return fuse(smooth, rays, error_map.reshape(1, defocus.size(0), defocus.size(1)))
+
+    return g.branch(error_map.max() > 0, blended, lambda: smooth)
 
 
 def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -154,9 +186,8 @@ def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress
         scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
         rendered = session.run({"image": image, "disparity": disparity, **scalars})[0]
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
-        expected = (
-            (hybrid if gamma == 1 else plain).render(image, defocus, options=RenderOptions(gamma=gamma)).bokeh
-        )
+        package = hybrid if gamma == 1 or ENGINES[engine].traces_rays else plain
+        expected = package.render(image, defocus, options=RenderOptions(gamma=gamma)).bokeh
         psnrs.append(float(-10 * np.log10(np.square(rendered - expected).mean() + 1e-20)))
     report(len(psnrs), len(_TRIALS))
     return psnrs
@@ -182,15 +213,16 @@ def export_renderer(
 
     Raises:
         ParameterError: See :func:`build_model`.
-        ModelFileError: See :func:`build_model`; or a PSNR is below ``PARITY``, or the file cannot be written;
-            an older file is kept.
+        ModelFileError: See :func:`build_model`; or a PSNR is below ``PARITY``, ``RAYS_PARITY`` for the rays,
+            or the file cannot be written; an older file is kept.
     """
     content = build_model(weights, engine).SerializeToString()
     lowest = min(_compare(content, weights, engine, progress))
-    if not lowest >= PARITY:
+    required = RAYS_PARITY if ENGINES[engine].traces_rays else PARITY
+    if not lowest >= required:
         raise ModelFileError(
-            f"{path}: expected at least {PARITY:g} dB between the file and the package, found {lowest:.1f}; "
-            f"not written"
+            f"{path}: expected at least {required:g} dB between the file and the package, "
+            f"found {lowest:.1f}; not written"
         )
 
     def write(temporary: Path) -> None:

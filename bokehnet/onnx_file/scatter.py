@@ -10,11 +10,13 @@ import numpy as np
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.pyramid_levels import CONTRAST, DISC, TOLERANCE
 from bokehnet.classical.scatter.pyramid_merging import TILE
+from bokehnet.classical.scatter_renderer import MAX_CONTINUATION
+from bokehnet.onnx_file.border import beyond_border
 from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
 from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs
 
-__all__ = ["scatter"]
+__all__ = ["scatter", "scatter_beyond"]
 
 
 def _block_parts(x: Value, axis: int) -> list[Value]:
@@ -122,3 +124,14 @@ def scatter(g: Graph, image: Value, defocus: Value) -> Value:
     sums = _spread(g, g.concat([image, ones]), clipped)
     weight = sums.cut(0, 3, 4)
     return g.where(weight > 0, sums.cut(0, 0, 3) / weight, image)
+
+
+def scatter_beyond(g: Graph, image: Value, defocus: Value) -> Value:
+    """Scatter a picture that continues beyond its border, as the engines do; arguments as for ``scatter``."""
+    height, width = defocus.size(0), defocus.size(1)
+    shorter = g.minimum(height, width).astype(np.float32)
+    limit = g.op("Ceil", shorter * MAX_CONTINUATION)
+    reach = g.minimum(g.op("Ceil", abs(defocus).max()), limit).astype(np.int64)
+    radii = g.op("Pad", defocus, g.concat([reach, reach, reach, reach]), mode="edge")
+    bokeh = scatter(g, beyond_border(g, image, reach), radii)
+    return bokeh.cut(1, reach, reach + height).cut(2, reach, reach + width)

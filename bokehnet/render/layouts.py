@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bokehnet.engines.engine import Engine
 from bokehnet.errors import ParameterError
 from bokehnet.progress import Progress, ignore_progress, part_of
-from bokehnet.render.exposure import Optics, expose
+from bokehnet.render.exposure.exposure import Optics, expose
 from bokehnet.render.result import RenderResult
 from bokehnet.scene.scene import FocusedScene
 from bokehnet.settings.settings import RenderSettings
@@ -28,7 +28,7 @@ _ARRAYS = ("bokeh", "alpha", "classical", "neural", "error_map", "defocus", "exp
 def expose_layout(
     scene: FocusedScene, settings: RenderSettings, engine: Engine, optics: Optics, report: Progress
 ) -> RenderResult:
-    """Expose a panorama or a stereo pair; arguments as for :func:`bokehnet.render.exposure.expose`.
+    """Expose a panorama or a stereo pair; arguments as for :func:`bokehnet.render.exposure.exposure.expose`.
 
     A row at the latitude phi of an equirectangular panorama is stretched by 1 / cos(phi), and so are its
     discs. The picture is exposed in bands of nearly equal stretch, blended into each other, whose columns

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.forking import ForkSafeLock
+from bokehnet.processes.forking import ForkSafeLock
 
 __all__ = ["DEFAULT_CACHE_BYTES", "PictureCache", "array_digest"]
 

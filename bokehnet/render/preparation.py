@@ -12,12 +12,17 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
-from bokehnet.light.recovery import RecoveredLight, recover_light
+from bokehnet.light.recovery import RecoveredLight
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
+from bokehnet.render.exposure.supersampling import (
+    at_rendered_size,
+    rendered_surfaces,
+    settings_in_fine_pixels,
+)
 from bokehnet.render.look import copy_tilt_gradient
 from bokehnet.render.picture_cache import PictureCache, array_digest
-from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
+from bokehnet.render.recovered_light import recovered_light
 from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
@@ -177,7 +182,7 @@ def _prepare_picture(
         )
     light = cache.get(
         ("light", *key, settings.highlights.threshold, settings.highlights.strength),
-        lambda: _recovered_light(scene, final.values, settings),
+        lambda: recovered_light(scene, final.values, settings.highlights, bars),
         lambda light: light.image if light.fraction else np.zeros(0),
     )
     return _Picture(
@@ -194,15 +199,6 @@ def _prepare_picture(
         light=light,
         bars=bars,
     )
-
-
-def _recovered_light(scene: Scene, nearness: Array, settings: RenderSettings) -> RecoveredLight:
-    """Return the picture of a scene, with its clipped light if file and settings allow an estimate."""
-    highlights, frame = settings.highlights, scene.frame
-    is_photograph = frame is not None and frame.is_display_referred and scene.supersampled == 1
-    if highlights.threshold != "auto" or not is_photograph:
-        return RecoveredLight(image=scene.image)
-    return recover_light(scene.image, nearness, highlights.strength)
 
 
 def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Array:

@@ -14,14 +14,14 @@ from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
-from bokehnet.forking import ForkSafeLock
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.processes.forking import ForkSafeLock
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, cancellable
-from bokehnet.render.deprecated_arrays import accepts_arrays
-from bokehnet.render.exposure import Optics, expose, tilt_parameter
+from bokehnet.render.deprecated_arrays import render_earlier_form
+from bokehnet.render.exposure.exposure import Optics, expose, tilt_parameter
 from bokehnet.render.layouts import expose_layout
 from bokehnet.render.look import (
     make_aperture,
@@ -166,16 +166,16 @@ class BokehRenderer:
         self._look(settings)
         self._engine(*self._engine_of(settings))
 
-    @accepts_arrays
     def render(
         self,
-        scene: Scene | FocusedScene,
+        scene: Scene | FocusedScene | None = None,
         settings: RenderSettings | None = None,
         progress: Progress | None = None,
         *,
         focus: float | FocusSettings | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
+        **deprecated: Any,
     ) -> RenderResult:
         """Render a scene with settings.
 
@@ -191,13 +191,18 @@ class BokehRenderer:
             cancel: Cancellation signal, checked between steps.
             overwrite: True if the result may overwrite image and defocus of a prepared scene, which are
                 invalid afterwards; saves their memory when rendering in strips.
+            deprecated: Arguments of :meth:`render_arrays`, as in version 0.1; version 0.3 removes them.
 
         Raises:
             ParameterError: Settings are inconsistent or out of range, or ``scene`` is no scene.
             LensError: The lens cannot focus there.
             RenderCancelled: ``cancel`` was set.
         """
+        if deprecated or isinstance(scene, np.ndarray):
+            named = {"focus": focus, "cancel": cancel, "overwrite": overwrite}
+            return render_earlier_form(self.render_arrays, (scene, settings, progress), named | deprecated)
         check_kind("scene", scene, Scene, FocusedScene)
+        assert scene is not None
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
         if isinstance(scene, Scene):

@@ -16,7 +16,7 @@ from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
-from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.coc import defocus_from_disparity, defocus_outside_range
 from bokehnet.optics.focus_plane import (
     FocusPlane,
     distance_to_sensor,
@@ -26,7 +26,6 @@ from bokehnet.optics.focus_plane import (
     tilted_aberration_map,
     tilted_lens,
 )
-from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import (

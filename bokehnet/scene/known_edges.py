@@ -15,8 +15,8 @@ from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.exr.deep import FlatPixels, two_surfaces
 from bokehnet.io.exr.header import is_exr
 from bokehnet.io.maps import depth_to_mm, read_map
-from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.optics.coc import disparity_from_depth
 from bokehnet.scene.depth.depth_map import SceneLayers

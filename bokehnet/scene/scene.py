@@ -280,7 +280,7 @@ def read_scene(
     if source is None:
         check_focus(settings)
         source = depth_source(settings)
-    frame = read_frame(path, part_of(progress, 0, 2))
+    frame = read_frame(path, part_of(progress, 0, 2), settings.input.color_space)
     matte, factor = settings.input.matte, settings.input.supersampled
     unit = unit_of_picture_depth(source, path)
     if factor > 1:

@@ -22,7 +22,6 @@ from bokehnet.io.video.frames import (
     video_info,
     write_segment,
 )
-from bokehnet.io.window import Window
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderReport
@@ -289,7 +288,7 @@ class VideoJob:
         """Yield these frames, ascending, with the filtered maps of ``shot``; see :class:`ShotFrames`."""
         if not indices:
             return
-        window = Window.whole(self.info.width, self.info.height)
+        window = self.info.window
         selected, first = set(indices), indices[0]
         lumas = None if shot.steady is not None else self._lumas(first)
         network: DepthSource | None = None

@@ -16,16 +16,16 @@ from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Streamin
 from starlette.exceptions import HTTPException
 
 from bokehnet.errors import BokehnetError, ParameterError
-from bokehnet.serve.docs_page import CONTENT_POLICY, docs_page
+from bokehnet.serve.http.docs_page import CONTENT_POLICY, docs_page
+from bokehnet.serve.http.tokens import Tokens
+from bokehnet.serve.http.uploads import BoundedBody, fetch_url, save_upload
+from bokehnet.serve.jobs.pool import Pool
+from bokehnet.serve.jobs.store import DamagedJob, JobStore, QueueFull
 from bokehnet.serve.metrics import Metrics
-from bokehnet.serve.pool import Pool
 from bokehnet.serve.problems import CANCELLED, MEDIA_TYPE, Problem, problem_of
 from bokehnet.serve.requests import FORMATS, check_request, file_name
 from bokehnet.serve.runnable import check_runnable
 from bokehnet.serve.service_settings import ServiceSettings
-from bokehnet.serve.store import DamagedJob, JobStore, QueueFull
-from bokehnet.serve.tokens import Tokens
-from bokehnet.serve.uploads import BoundedBody, fetch_url, save_upload
 from bokehnet.version import __version__
 
 __all__ = ["make_app"]

@@ -8,7 +8,7 @@ from types import FrameType
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import ParameterError
-from bokehnet.serve.connections import MAX_CONNECTIONS, REQUEST_SECONDS, bounded_protocol
+from bokehnet.serve.http.connections import MAX_CONNECTIONS, REQUEST_SECONDS, bounded_protocol
 from bokehnet.serve.service_settings import ServiceSettings
 
 __all__ = ["run_service"]

@@ -28,6 +28,24 @@ Pixel = tuple[int, int]
 
 # Same names as in bokehnet.io.formats.output_format.
 ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
+# Same names as in bokehnet.io.color.camera_spaces.
+InputColorSpaceName = Literal[
+    "auto",
+    "srgb",
+    "display-p3",
+    "adobe-rgb",
+    "prophoto",
+    "rec2020",
+    "linear",
+    "aces2065-1",
+    "acescg",
+    "acescct",
+    "logc3",
+    "slog3",
+    "slog3-cine",
+    "vlog",
+    "cineon",
+]
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
@@ -166,6 +184,13 @@ class InputSettings(Group):
         "flat",
         "Projection of the picture: flat (default), or equirect, a panorama of 360 x 180 degrees, whose blur "
         "crosses the seam and widens towards the poles.",
+    )
+    color_space: InputColorSpaceName = setting(
+        "auto",
+        "Colour space of the picture or video if its file does not name it, as of cameras and film scans: "
+        f"{', '.join(get_args(InputColorSpaceName))}. Default: auto, what the file says.",
+        flag="input-color-space",
+        metavar="NAME",
     )
     stereo: Literal["side-by-side", "top-bottom"] | None = setting(
         None, "Layout of a stereo pair: side-by-side or top-bottom. Each eye is rendered alone."

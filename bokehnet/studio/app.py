@@ -16,13 +16,14 @@ from starlette.staticfiles import StaticFiles
 
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.settings.preset import load_preset, presets
-from bokehnet.studio.display import SPACES
 from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import Application, Guard
+from bokehnet.studio.looks import depth_offer
 from bokehnet.studio.opened import Opened, Region
-from bokehnet.studio.overlays import aperture_image, overlay, plain
-from bokehnet.studio.panels import panels
-from bokehnet.studio.preview import Picture, refine
+from bokehnet.studio.panels.panels import panels
+from bokehnet.studio.preview.display import SPACES
+from bokehnet.studio.preview.overlays import aperture_image, overlay, plain
+from bokehnet.studio.preview.preview import Picture, refine
 from bokehnet.studio.session import Session
 
 __all__ = ["PAGE", "make_app"]
@@ -196,7 +197,7 @@ class _Api:
         return JSONResponse(session.state())
 
     async def offer(self, request: Request) -> Response:
-        return JSONResponse(await asyncio.to_thread(self._session.depth_offer))
+        return JSONResponse(await asyncio.to_thread(depth_offer))
 
     async def estimate(self, request: Request) -> Response:
         self._session.estimate(agreed=(await _json(request)).get("agreed") is True)

@@ -10,7 +10,7 @@ from time import monotonic
 from typing import Any, Protocol
 
 from bokehnet.errors import BokehnetError, RenderCancelled
-from bokehnet.process_limits import limit_address_space, limit_cpu_time
+from bokehnet.processes.limits import limit_address_space, limit_cpu_time
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from bokehnet.io.image import check_writable, write_map
 from bokehnet.progress import Progress, part_of
-from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene

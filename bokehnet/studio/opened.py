@@ -17,8 +17,8 @@ from bokehnet.errors import BokehnetError
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
-from bokehnet.light.recovery import recover_light
 from bokehnet.progress import Progress
+from bokehnet.render.recovered_light import recovered_light
 from bokehnet.scene.blur_strength import completed_blur, equivalent_f_number
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
@@ -28,6 +28,7 @@ from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
     FocusSettings,
+    HighlightSettings,
     InputSettings,
     OutputSettings,
     RenderSettings,
@@ -157,7 +158,7 @@ def repaired_map(scene: Scene, mode: Any, *, report: Progress) -> tuple[Array, b
 
 def extra_light(scene: Scene, values: Array, *, report: Progress) -> ExtraLight:
     """Return the estimated light of clipped pixels, as for a render; a task of the background process."""
-    recovered = recover_light(scene.image, values)
+    recovered = recovered_light(scene, values, HighlightSettings())
     report(1, 1)
     difference = (recovered.image - scene.image).reshape(-1, 3)
     pixels = np.flatnonzero(difference.any(axis=-1))

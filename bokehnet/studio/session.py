@@ -3,30 +3,32 @@
 import shutil
 import tempfile
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from bokehnet.errors import BokehnetError, ConfigError, ParameterError, RenderCancelled
-from bokehnet.inference.depth_models import find_depth_model, recommended_model
-from bokehnet.inference.model_download import cached_file, download_offer, fetch_model
+from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
+from bokehnet.inference.depth_models import recommended_model
+from bokehnet.inference.model_download import fetch_model
 from bokehnet.settings.fields import field_settings
-from bokehnet.settings.preset import load_preset, presets
-from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
+from bokehnet.settings.preset import presets
+from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
 from bokehnet.studio.files.archive import read_session, write_session
+from bokehnet.studio.files.saved_session import session_content, session_state
 from bokehnet.studio.files.uploads import safe_name
-from bokehnet.studio.help_texts import label_of
+from bokehnet.studio.history import History, State
+from bokehnet.studio.looks import settings_of_new_picture, settings_with_depth, settings_with_preset
 from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
-from bokehnet.studio.panels import check_reachable, is_path
-from bokehnet.studio.preview import Previews
+from bokehnet.studio.panels.help_texts import label_of
+from bokehnet.studio.panels.panels import check_reachable, is_path
+from bokehnet.studio.panels.wording import command_line, look_of, python_lines
+from bokehnet.studio.preview.preview import Previews
 from bokehnet.studio.strokes import Stroke
-from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]
 
@@ -34,27 +36,7 @@ _MAX_OPENING_SECONDS = 90.0
 
 _MAX_ESTIMATE_SECONDS = 900.0
 
-_MAX_HISTORY = 200  # number of steps that can be undone
-_MAX_DRAG_PAUSE = 0.8  # s between two values of one control that count as one step
-
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Step:
-    """State to which undo returns.
-
-    Attributes:
-        settings: Settings of the render.
-        strokes: Strokes of the brush.
-        preset: Name of the selected preset; empty without one.
-        change: Words for the change that led from this state to the next one.
-    """
-
-    settings: RenderSettings
-    strokes: tuple[Stroke, ...]
-    preset: str
-    change: str
 
 
 def _words_of_change(changes: Mapping[str, Any]) -> str:
@@ -95,9 +77,7 @@ class Session:
         self.jobs: dict[str, dict[str, Any]] = {
             name: {"state": "idle"} for name in ("repair", "light", "estimate", "export")
         }
-        self._done: deque[_Step] = deque(maxlen=_MAX_HISTORY)
-        self._undone: list[_Step] = []
-        self._last_change: tuple[Any, float] = (None, 0.0)
+        self._history = History()
         self._serial = 0
         self._result: Path | None = None
         self._uploads: list[Path] = []
@@ -158,8 +138,7 @@ class Session:
             if is_new and self.jobs["export"]["state"] != "running":
                 self.jobs["export"] = {"state": "idle"}
             self._serial += 1
-            self._done.clear()
-            self._undone.clear()
+            self._history.clear()
             self.initial = self.shown_settings()
             values = (getattr(getattr(complete, one.group), one.name) for one in all_settings().values())
             folders = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
@@ -180,17 +159,11 @@ class Session:
 
     def with_look(self, inputs: Mapping[str, Any]) -> RenderSettings:
         """Return the settings of a new picture: its depth, and the look of the selected preset."""
-        look = load_preset(self.preset).values if self.preset else {}
-        return RenderSettings().updated(merged(look, {InputSettings.GROUP: dict(inputs)} if inputs else {}))
+        return settings_of_new_picture(inputs, self.preset)
 
     def with_depth(self, inputs: Mapping[str, Any]) -> RenderSettings:
         """Return the current settings with another depth, and without what belongs to the present one."""
-        kept = {
-            group: fields
-            for group, fields in self.settings.to_table().items()
-            if group not in (InputSettings.GROUP, "depth", "focus", "camera")
-        }
-        return RenderSettings().updated({**kept, InputSettings.GROUP: dict(inputs)})
+        return settings_with_depth(self.settings, inputs)
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
         """Apply changes from a page, all or none; null resets a field to its default.
@@ -235,26 +208,18 @@ class Session:
         self._repair()
 
     def _remember(self, change: str, control: Any = None) -> None:
-        """Add the current state to the history; values of one control in quick succession are one step.
+        """Add the current state to the history; see :meth:`History.remember`."""
+        self._history.remember(self._present, change, control)
 
-        Args:
-            change: Words for the change that follows.
-            control: Changed control; None for a change that is always a step of its own.
-        """
-        (last, then), now = self._last_change, monotonic()
-        self._last_change = control, now
-        self._undone.clear()
-        if control is None or control != last or now - then > _MAX_DRAG_PAUSE or not self._done:
-            self._done.append(self._step(change))
-
-    def _step(self, change: str) -> _Step:
+    @property
+    def _present(self) -> State:
         strokes = () if self.opened is None else tuple(self.opened.strokes)
-        return _Step(settings=self.settings, strokes=strokes, preset=self.preset, change=change)
+        return State(settings=self.settings, strokes=strokes, preset=self.preset)
 
     def apply_preset(self, preset: str) -> RenderSettings:
         """Apply a shipped preset in place of the current look."""
         with self._lock:
-            settings = self._with_preset(preset)
+            settings = settings_with_preset(self.settings, preset)
             if (settings, preset) != (self.settings, self.preset):
                 self._remember(f"Preset {preset or 'none'}")
             self.settings, self.preset = settings, preset
@@ -263,30 +228,12 @@ class Session:
     def with_preset(self, preset: str) -> RenderSettings:
         """Return the settings with the look of a shipped preset."""
         with self._lock:
-            return self._with_preset(preset)
-
-    def _with_preset(self, preset: str) -> RenderSettings:
-        if preset == "":
-            return RenderSettings().updated(self._without_look())
-        if "/" in preset or "\\" in preset or preset.endswith(".toml"):
-            raise ConfigError("expected the name of a preset, found a file name")
-        return RenderSettings().updated(merged(self._without_look(), load_preset(preset).values))
-
-    def _without_look(self) -> dict[str, dict[str, Any]]:
-        return {
-            group: {
-                key: value
-                for key, value in fields.items()
-                if not all_settings()[f"{group}.{key}"].allowed_in_preset
-            }
-            for group, fields in self.settings.to_table().items()
-        }
+            return settings_with_preset(self.settings, preset)
 
     @property
     def history(self) -> dict[str, Any]:
         """Number of steps that can be undone, of those that can be redone, and the words of all."""
-        changes = [step.change for step in (*self._done, *reversed(self._undone))]
-        return {"done": len(self._done), "undone": len(self._undone), "changes": changes}
+        return self._history.summary
 
     def stroke(self, table: Mapping[str, Any]) -> None:
         """Add a stroke of the brush."""
@@ -305,13 +252,10 @@ class Session:
         """
         opened, before = self._open_one(), self.settings
         with self._lock:
-            source, target = (self._done, self._undone) if back else (self._undone, self._done)
-            for _ in range(min(count, len(source))):
-                step = source.pop()
-                target.append(self._step(step.change))
-                self.settings, self.preset, self._last_change = step.settings, step.preset, (None, 0.0)
-                if step.strokes != tuple(opened.strokes):
-                    opened.change_strokes(step.strokes)
+            step = self._history.step(self._present, back, count)
+            self.settings, self.preset = step.settings, step.preset
+            if step.strokes != tuple(opened.strokes):
+                opened.change_strokes(step.strokes)
         self._repair_again(before)
 
     def export(self, name: str) -> None:
@@ -365,21 +309,7 @@ class Session:
     def save(self) -> Path:
         """Write the session to a file and return its path."""
         opened = self._open_one()
-        table, files = self.settings.to_table(), {opened.path.name: opened.path}
-        for group, fields in table.items():
-            for key in fields:
-                value = getattr(getattr(self.settings, group), key)
-                if is_path(all_settings()[f"{group}.{key}"]) and isinstance(value, Path) and value.is_file():
-                    fields[key] = value.name
-                    files[value.name] = value
-        strokes = [stroke.to_table() for stroke in opened.strokes]
-        content = {
-            "format": 1,
-            "picture": opened.path.name,
-            "settings": table,
-            "strokes": strokes,
-            "preset": self.preset,
-        }
+        content, files = session_content(opened.path, self._present)
         path = self._results_folder() / f"{opened.path.stem}.bokeh"
         write_session(path, content, files)
         return path
@@ -393,21 +323,9 @@ class Session:
         folder = Path(tempfile.mkdtemp(dir=self.folder))
         table = read_session(path, folder)
         shutil.rmtree(path.parent, ignore_errors=True)
-        try:
-            settings, strokes = table["settings"], [Stroke.from_table(one) for one in table["strokes"]]
-            picture = folder / safe_name(table["picture"])
-            for group, fields in settings.items():
-                for key, value in fields.items():
-                    known = all_settings().get(f"{group}.{key}")
-                    is_file = isinstance(value, str) and find_depth_model(value) is None
-                    if known is not None and is_path(known) and is_file:
-                        fields[key] = str(folder / safe_name(value))
-            check_reachable({g: f for g, f in settings.items() if g != InputSettings.GROUP}, RenderSettings())
-            complete = RenderSettings().updated(settings)
-        except (KeyError, TypeError, AttributeError) as error:
-            raise ConfigError("expected a session file saved by the studio, found something else") from error
-        self.open(picture, complete, strokes)
-        self.preset = table["preset"] if table.get("preset") in presets() else ""
+        picture, state = session_state(table, folder)
+        self.open(picture, state.settings, list(state.strokes))
+        self.preset = state.preset
 
     def incoming(self, name: str) -> Path:
         """Return a path for an upload, in a folder of its own to avoid name clashes."""
@@ -486,27 +404,8 @@ class Session:
             opened.take_light(light)
             self.jobs["light"] = {"state": "done", "note": light.note}
 
-    def depth_offer(self) -> dict[str, Any]:
-        """Return the depth network for a picture without depth, and what a user must know of it."""
-        model = recommended_model()
-        if model is None:
-            return {"available": False, "reason": "this version names no depth network"}
-        try:
-            is_cached = cached_file(model) is not None
-            offer = download_offer(model)
-        except BokehnetError as error:
-            return {"available": False, "reason": " ".join(str(error).split())}
-        return {
-            "available": True,
-            "cached": is_cached,
-            "name": offer.name,
-            "size": offer.size,
-            "licence": offer.licence,
-            "text": offer.text,
-        }
-
     def estimate(self, *, agreed: bool) -> None:
-        """Start the estimate of depth by the network of :meth:`depth_offer`.
+        """Start the estimate of depth by the network of :func:`bokehnet.studio.looks.depth_offer`.
 
         Args:
             agreed: True if the user has agreed to the download of the network.

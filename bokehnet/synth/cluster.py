@@ -4,8 +4,8 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from bokehnet.cluster import cluster_connection, results_in_order
 from bokehnet.errors import BokehnetError
+from bokehnet.processes.cluster import cluster_connection, results_in_order
 
 __all__ = ["render_on_cluster"]
 

@@ -105,7 +105,7 @@ TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace
 @pytest.mark.parametrize(
     "module",
     [
-        "bokehnet.coarse_to_fine",
+        "bokehnet.inference.coarse_to_fine",
         "bokehnet.checks",
         "bokehnet.classical.torch.autograd",
         "bokehnet.classical.base",
@@ -172,7 +172,7 @@ def test_a_render_never_needs_torch(engine):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
-def test_a_room_that_needs_torch_says_how_to_get_it(module):
+def test_a_package_that_needs_torch_names_the_extra(module):
     done = run_python(NO_TORCH + f"import {module}")
     assert "pip install 'bokehnet[train]'" in done.stderr
     assert "MissingExtraError" in done.stderr

@@ -10,8 +10,8 @@ import pytest
 import bokehnet
 from bokehnet.cli.app import run
 from bokehnet.io.image import write_image, write_map
-from tests.unit.io.exr_files import read_channels, write_exr
-from tests.unit.io.phone_files import encode, gdepth_photo
+from tests.unit.io.depth.phone_files import encode, gdepth_photo
+from tests.unit.io.exr.exr_files import read_channels, write_exr
 
 onnx = pytest.importorskip("onnx", reason="writes networks with onnx, of the extra train")
 TensorProto, helper = onnx.TensorProto, onnx.helper
@@ -77,7 +77,7 @@ def write_network(path: str) -> None:
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
 
 
-def test_there_are_pairs_and_none_takes_more_than_six_lines():
+def test_there_are_pairs_of_at_most_six_lines():
     assert len(PAIRS) >= 8
     for _, code in PAIRS:
         assert len(lines_of(code)) <= 6, code

@@ -11,12 +11,12 @@ from tests.conftest import ROOT
 from tools import release
 
 
-def test_every_file_tells_the_same_version():
+def test_every_file_has_the_same_version():
     assert len(set(release.stated_versions().values())) == 1
     assert release.check_versions() == release.stated_versions()["bokehnet/version.py"]
 
 
-def test_a_version_that_disagrees_is_told(monkeypatch):
+def test_a_version_that_disagrees_is_reported(monkeypatch):
     monkeypatch.setattr(release, "stated_versions", lambda: {"a": "1.0", "b": "1.1"})
     with pytest.raises(SystemExit, match=r"expected one version, found a 1\.0, b 1\.1"):
         release.check_versions()
@@ -38,7 +38,7 @@ def test_the_sdist_holds_every_file_of_the_repository(tmp_path):
     assert sorted(release.released_files() - there) == []
 
 
-def test_a_file_that_is_missing_is_told(tmp_path, monkeypatch):
+def test_a_file_that_is_missing_is_reported(tmp_path, monkeypatch):
     empty = tmp_path / "a.tar.gz"
     with tarfile.open(empty, "w:gz"):
         pass

@@ -134,7 +134,7 @@ def test_keys_move_the_cursor_and_focus(page, settle):
     until(page, "!document.querySelector('#command').textContent.includes('--focus-at')")
 
 
-def test_a_wrong_value_is_told_beside_its_control_and_the_picture_stays(page, pixels, settle):
+def test_a_wrong_value_is_reported_next_to_its_control_and_the_picture_stays(page, pixels, settle):
     before = pixels(page)
     page.click("summary:has-text('Camera')")
     page.fill("#field-camera-blur", "-5")
@@ -261,7 +261,7 @@ def test_an_export_has_the_bytes_of_the_shown_command(page, tmp_path, monkeypatc
     assert download.value.path().read_bytes() == (tmp_path / "mine.png").read_bytes()
 
 
-def test_an_export_says_how_long_it_still_takes(page):
+def test_an_export_shows_the_time_left(page):
     """Authority: the rule of three: after 10 s for a quarter, three quarters take 30 s."""
     running = {"state": "running", "share": 0.25, "seconds": 10, "name": "photo_bokeh.png"}
     idle = {name: {"state": "idle"} for name in ("repair", "light", "estimate")}
@@ -309,7 +309,7 @@ def large(side: int) -> bytes:
     ],
     ids=["broken", "empty", "text", "100 MP"],
 )
-def test_a_file_that_cannot_be_opened_is_told_and_the_picture_stays(
+def test_a_file_that_cannot_be_opened_is_reported_and_the_picture_stays(
     page, pixels, settle, name, content, told
 ):
     before = pixels(page)
@@ -353,7 +353,7 @@ def test_every_control_has_a_name_for_screen_readers(page):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (320, 600), (1440, 900)])
-def test_nothing_lies_beyond_the_screen(page, width, height):
+def test_nothing_extends_beyond_the_screen(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
     page.wait_for_timeout(400)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -408,7 +408,7 @@ def helpers(process) -> list[int]:
     return [int(one) for one in children if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()]
 
 
-def test_a_render_that_crashes_is_told_and_the_next_one_works(page, files, studio, pixels, settle):
+def test_a_render_that_crashes_is_reported_and_the_next_one_works(page, files, studio, pixels, settle):
     """The process of the engine is stopped, then killed, once the quick picture is there."""
     working = helpers(studio.process)
     assert working
@@ -427,7 +427,7 @@ def test_a_render_that_crashes_is_told_and_the_next_one_works(page, files, studi
     assert np.abs(pixels(page)[..., :3] - rendered(files)).max() <= 1
 
 
-def test_a_photo_without_depth_says_so_and_can_be_painted(browser, files, settle):
+def test_a_photo_without_depth_shows_a_notice_and_can_be_painted(browser, files, settle):
     studio = Studio(files / "photo.png")
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     try:
@@ -470,7 +470,7 @@ def test_a_second_photo_replaces_looks_and_names_and_keeps_the_preset(browser, f
         studio.end()
 
 
-def test_a_studio_that_is_killed_in_mid_render_is_told(browser, files):
+def test_a_studio_that_is_killed_in_mid_render_is_reported(browser, files):
     studio = Studio(files / "photo.png", "--disparity", files / "map.png", "--blur", 12, "--focus", 0)
     page = browser.new_page()
     try:

@@ -21,7 +21,9 @@ PICTURES = (
     ".pfm",
     ".heic",
     ".avif",
+    ".dpx",
 )
+ARRAYS = (".npy", ".npz")
 VIDEOS = (".mp4", ".mov", ".mkv", ".webm")
 LENSES = (".zmx", ".seq", ".len", ".json", ".roa", ".csv", ".fx", ".npz", ".toml")
 ARCHIVES = (".bokeh",)
@@ -89,7 +91,15 @@ def _command_lines(path: Path, suffix: str, partners: Path) -> list[list[object]
                 ["render", path, "-o", partners / "out.jpg", "--blur", "4", "--focus", "0.4", *_SCATTER]
             )
         lines.append([*relative, "--aperture-image", path])
+        lines.append([*relative, "--disparity", path, "--depth-coding", "rgb24", "--invert"])
+        lines.append(["render", path, *relative[2:], "--input-color-space", "logc3", "--bits", "16"])
         return lines
+    if suffix in ARRAYS:
+        lines = [
+            ["render", picture, "--disparity", path, "-o", output, *_RELATIVE, *_SCATTER],
+            ["render", picture, "--depth", path, "--depth-unit", "mm", "-o", output, *_METRIC, *_SCATTER],
+        ]
+        return [*lines, ["lens", path]] if suffix == ".npz" else lines
     if suffix in VIDEOS:
         return [
             ["render", path, "--disparity", path, "-o", partners / "out.mkv", *_RELATIVE, *_SCATTER],

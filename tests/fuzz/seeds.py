@@ -55,7 +55,17 @@ radius = 200.0
 def write_seeds(folder: Path) -> list[Path]:
     """Write the seeds into an empty folder; kinds whose library is absent are left out."""
     folder.mkdir(parents=True, exist_ok=True)
-    for write in (_pictures, _unusual_pictures, _photos, _texts, _archives, _videos, _networks):
+    for write in (
+        _pictures,
+        _unusual_pictures,
+        _photos,
+        _scans,
+        _arrays,
+        _texts,
+        _archives,
+        _videos,
+        _networks,
+    ):
         try:
             write(folder)
         except ImportError:
@@ -64,13 +74,13 @@ def write_seeds(folder: Path) -> list[Path]:
 
 
 def _pictures(folder: Path) -> None:
-    from tests.unit.io.fuzz_readers import valid_files
+    from tests.unit.io.fuzz.fuzz_readers import valid_files
 
     valid_files(folder)
 
 
 def _unusual_pictures(folder: Path) -> None:
-    from tests.unit.io.unusual_files import MAKERS
+    from tests.unit.io.fuzz.unusual_files import MAKERS
 
     rng = np.random.default_rng(0)
     for number, make in enumerate((*MAKERS, *MAKERS)):
@@ -79,13 +89,36 @@ def _unusual_pictures(folder: Path) -> None:
 
 
 def _photos(folder: Path) -> None:
-    from tests.unit.io import phone_files
+    from tests.unit.io.depth import phone_files
 
     stored = np.linspace(0, 255, 48 * 64).reshape(48, 64).astype(np.uint8)
     for number, photo in enumerate((phone_files.gdepth_photo, phone_files.extended_gdepth_photo)):
         made: Any = photo(stored, near=1, far=5)
         data = made.read_bytes() if isinstance(made, Path) else bytes(made)
         (folder / f"phone{number}.jpg").write_bytes(data)
+
+
+def _scans(folder: Path) -> None:
+    """Write film scans (DPX) of several depths."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    rng = np.random.default_rng(2)
+    for bits, transfer in ((8, "Linear"), (10, "Printing density"), (12, "Logarithmic"), (16, "ITU-R 709-4")):
+        spec = oiio.ImageSpec(24, 20, 3, "uint8" if bits == 8 else "uint16")
+        spec.attribute("oiio:BitsPerSample", bits)
+        spec.attribute("dpx:Transfer", transfer)
+        output = oiio.ImageOutput.create("scan.dpx")
+        output.open(str(folder / f"scan{bits}.dpx"), spec)
+        output.write_image(rng.random((20, 24, 3), np.float32))
+        output.close()
+
+
+def _arrays(folder: Path) -> None:
+    """Write maps as NumPy files."""
+    ramp = np.linspace(500, 3000, 20 * 24).reshape(20, 24)
+    np.save(folder / "map.npy", ramp.astype(np.float32))
+    np.save(folder / "millimetres.npy", ramp.astype(np.uint16))
+    np.savez(folder / "map.npz", depth=ramp, confidence=np.ones_like(ramp))
 
 
 def _texts(folder: Path) -> None:

@@ -121,7 +121,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(-10 * np.log10(max(float(np.mean((a - b) ** 2)), 1e-20)))
 
 
-def test_comfyui_knows_the_nodes(host):
+def test_comfyui_lists_the_nodes(host):
     told = host.ask("/object_info")[1]
     names = {"Render", "FocusPicker", "Look", "DepthRepair", "ExpectedError", "Video", "Save"}
     assert {f"Bokeh{name}" for name in names} <= set(told)

@@ -71,7 +71,7 @@ def darktable(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_picture_is_edited_and_stands_beside_the_original(darktable, tmp_path, cli):
+def test_an_edited_picture_appears_next_to_the_original(darktable, tmp_path, cli):
     told = darktable()
     made = tmp_path / "photo.bokeh.tif"
     assert f"MADE\t{made}" in told

@@ -94,7 +94,7 @@ def test_distance_its_inverse_and_radii_become_the_renderers_picture(render, pic
     assert np.abs(direct - found).max() < 1e-4
 
 
-def test_a_window_is_that_part_of_the_whole_and_nothing_else_is_written(render):
+def test_a_window_equals_that_part_of_the_whole_and_only_it_is_written(render):
     whole, _ = render()
     part, _ = render((24, 8, 56, 40))  # rows from the bottom
     rows, columns = slice(HEIGHT - 40, HEIGHT - 8), slice(24, 56)
@@ -118,7 +118,7 @@ def test_a_mask_mixes_the_result_with_the_source(render, picture):
     assert np.abs(found[:, 48:, :3] - wanted[:, 48:]).max() < 1e-5
 
 
-def test_a_picture_that_nobody_wants_is_not_written(render):
+def test_an_unused_picture_is_not_written(render):
     found, told = render(abort=0, engine=0)
     assert "status 0" in told
     assert (found == -1).all()

@@ -46,7 +46,7 @@ def test_no_defocus_is_the_identity(seed, height, width, strength, sharp):
 
 @few
 @given(seed=seeds, height=sides, width=sides, largest=st.floats(0, MERGE_ABOVE))
-def test_mirrored_and_transposed_input_gives_output_alike(seed, height, width, largest):
+def test_mirrored_and_transposed_input_gives_mirrored_and_transposed_output(seed, height, width, largest):
     image, defocus = draw(seed, height, width, largest)
     bokeh = scatter(image, defocus)
     for turn in (lambda a: a[::-1], lambda a: a[:, ::-1], lambda a: a.swapaxes(0, 1)):

@@ -1,6 +1,7 @@
 """One correction by networks, written four times: for torch, whole, in strips, as one file. All must agree.
 
-Authority: ``bokehnet.coarse_to_fine.render_neural`` on the torch modules, which is what training validates.
+Authority: ``bokehnet.inference.coarse_to_fine.render_neural`` on the torch modules, which is what training
+validates.
 """
 
 import numpy as np
@@ -8,11 +9,11 @@ import pytest
 import torch
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.coarse_to_fine import render_neural
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError
+from bokehnet.inference.coarse_to_fine import render_neural
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks
@@ -25,6 +26,11 @@ TOLERANCE = 4e-6
 
 # Pixels. Of the largest blurs below one is trusted, one in part, one not at all.
 TRUSTED = 24.0
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 def random_networks() -> tuple[ARNet, IUNet]:
@@ -66,7 +72,7 @@ def one_file(weights):
 
 def in_torch(image, defocus, arnet, iunet=None):
     """Blend, error map and classical render, (H, W, C), of the way that training takes."""
-    classical, classical_error_map = scatter(image, defocus), geometric_error_map(defocus)
+    classical, classical_error_map = scatter_of(image, defocus), geometric_error_map(defocus)
     batch = [
         torch.from_numpy(np.atleast_3d(x)).permute(2, 0, 1)[None]
         for x in (image, defocus, classical, classical_error_map)

@@ -57,7 +57,7 @@ def spectral_mean(values, light):
 
 
 @pytest.mark.parametrize("name", LIGHT)
-def test_lateral_fringes_shift_each_channel_as_its_light_says(name):
+def test_lateral_fringes_shift_each_channel_by_its_wavelength(name):
     """An edge in focus, off the axis: its place moves by h s1, in the mean over the channel's wavelengths."""
     chromatic_aberration, light = ChromaticAberration(lateral=30), LIGHT[name]
     column = 180
@@ -75,7 +75,7 @@ def test_lateral_fringes_shift_each_channel_as_its_light_says(name):
 
 @pytest.mark.parametrize("defocus", [9.0, -9.0])
 @pytest.mark.parametrize("name", ["continuous", "equaliser"])
-def test_axial_fringes_blur_each_channel_as_its_light_says(defocus, name):
+def test_axial_fringes_blur_each_channel_by_its_wavelength(defocus, name):
     """Discs of the radius d + s0: red ones are the larger in front of focus, blue ones behind it."""
     chromatic_aberration, light = ChromaticAberration(axial=3), LIGHT[name]
     place, found = moments(render(WIDTH // 2, defocus, chromatic_aberration, light))
@@ -86,7 +86,7 @@ def test_axial_fringes_blur_each_channel_as_its_light_says(defocus, name):
     assert_allclose(place, WIDTH / 2, atol=0.1)
 
 
-def test_on_the_axis_lateral_fringes_are_none():
+def test_there_are_no_lateral_fringes_on_the_axis():
     """An edge through the middle, in and out of focus: all channels are alike but for the noise."""
     for defocus in (0.0, -6.0):
         place, _ = moments(render(WIDTH // 2, defocus, ChromaticAberration(lateral=10)))

@@ -85,7 +85,7 @@ def test_the_plane_in_focus_is_that_of_traced_rays(tilt):
     assert again == pytest.approx(56.0)
 
 
-def test_on_any_tilted_and_shifted_sensor_three_pixels_tell_the_plane():
+def test_three_pixels_determine_the_plane_on_any_tilted_and_shifted_sensor():
     """Where traced rays meet, at three pixels and at others; the lens does not stand before the middle."""
     lens = TiltShift(
         lens=ThinLens(focal_length=50.0, f_number=2.0, focus_distance=900.0),

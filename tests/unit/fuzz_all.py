@@ -22,9 +22,9 @@ from bokehnet.cli.app import run
 from bokehnet.errors import BokehnetError
 from bokehnet.io.image import read_image
 from bokehnet.scene.depth.depth_source import DefocusMap, MetricDepth, RelativeDisparity
-from tests.unit.cli.test_render_fuzz import FLAGS, ODD_NUMBERS
-from tests.unit.io.fuzz_unusual import read_all
-from tests.unit.io.unusual_files import MAKERS
+from tests.unit.cli.render.test_render_fuzz import FLAGS, ODD_NUMBERS
+from tests.unit.io.fuzz.fuzz_unusual import read_all
+from tests.unit.io.fuzz.unusual_files import MAKERS
 
 SECONDS = 180  # for one try, where kernels may be compiled
 TRIES = 6  # in one process

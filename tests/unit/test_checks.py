@@ -52,7 +52,7 @@ def test_check_finite_takes_tensors():
         checks.check_finite("depth", torch.tensor([1.0, float("nan")]))
 
 
-def test_check_same_size_tells_both_sizes_as_width_by_height_and_the_way_out():
+def test_check_same_size_reports_both_sizes_as_width_by_height_and_the_way_out():
     with pytest.raises(ShapeError, match=r"a is 6x4 .* b is 3x2; .*; pass --resize"):
         checks.check_same_size("a", np.zeros((4, 6, 3)), "b", np.zeros((2, 3)), hint="pass --resize")
     checks.check_same_size("a", np.zeros((4, 6, 3)), "b", np.zeros((4, 6)))
@@ -101,7 +101,7 @@ def test_what_is_no_number_is_refused(check, value):
     assert caught.value.parameter == "blur"
 
 
-def test_number_of_takes_numbers_of_all_kinds_and_nothing_else():
+def test_number_of_accepts_only_numbers_of_all_kinds():
     for number in (2, 2.0, np.float32(2), np.int8(2), np.array(2)):
         assert checks.number_of(number) == 2.0
     assert np.isnan([checks.number_of(value) for value in NO_NUMBERS]).all()
@@ -145,14 +145,14 @@ def test_check_flag_takes_no_numbers():
         checks.check_flag("mono", 1)
 
 
-def test_check_kind_tells_the_classes():
+def test_check_kind_reports_the_classes():
     checks.check_kind("name", None, str, optional=True)
     with pytest.raises(ParameterError, match=r"^name: expected str or bytes or None, got 3$"):
         checks.check_kind("name", 3, str, bytes, optional=True)
 
 
 @pytest.mark.parametrize("values", ["x", None, [[1.0], [1.0, 2.0]], 10**400, [object()], 1j, True])
-def test_array_of_numbers_refuses_all_else(values):
+def test_array_of_numbers_refuses_other_objects(values):
     with pytest.raises(ParameterError, match=r"^picture: expected an array of numbers, got "):
         checks.array_of_numbers("picture", values, np.float32)
 
@@ -165,7 +165,7 @@ def test_array_of_numbers_is_a_copy():
 
 
 @pytest.mark.parametrize("value", [None, "x", [[0.5]]])
-def test_what_is_no_array_is_told(value):
+def test_non_arrays_are_reported(value):
     with pytest.raises(ParameterError, match=r"^depth: expected an array of shape \(H, W\), got "):
         checks.check_map("depth", value)
     with pytest.raises(ParameterError, match=r"^depth: expected an array of numbers, got an array of shape"):

@@ -71,7 +71,7 @@ def test_empty_parts_are_left_out(arguments, message):
         (..., "Ellipsis"),
     ],
 )
-def test_values_are_told_in_short(got, text):
+def test_values_are_abbreviated(got, text):
     error = ParameterError("blur", "something else", got)
     assert str(error) == f"blur: expected something else, got {text}"
     assert error.got is got
@@ -83,7 +83,7 @@ def test_long_values_are_cut():
     assert len(str(ParameterError("blur", "a number", list(range(10_000))))) < 200
 
 
-def test_a_value_left_out_differs_from_none():
+def test_an_omitted_value_differs_from_none():
     assert ParameterError("blur", "a number", None).has_got
     assert ParameterError("blur", "a number", None).got is None
     assert not ParameterError("blur", "a number").has_got
@@ -197,5 +197,5 @@ def test_a_lens_error_may_name_a_field():
 
 
 @pytest.mark.parametrize("kind", [ImageFileError, ParameterError, LensError])
-def test_names_with_line_breaks_are_told_in_one_line(kind):
+def test_names_with_line_breaks_are_printed_in_one_line(kind):
     assert str(kind("a.exr: found G\n\x01, é; write R")) == "a.exr: found G \\x01, é; write R"

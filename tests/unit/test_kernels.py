@@ -56,7 +56,7 @@ def kernel_file(tmp_path):
 
 
 @pytest.mark.slow
-def test_without_a_folder_kernels_are_compiled_and_one_line_says_so(kernel_file, nowhere):
+def test_without_a_folder_kernels_are_compiled_with_a_notice(kernel_file, nowhere):
     (kernel_file / "__pycache__").write_text("")  # a file: no folder can be made here
     for _ in range(2):
         outcome = run(["kernel_file.py"], kernel_file, **nowhere)

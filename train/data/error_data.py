@@ -10,7 +10,7 @@ from torch import Tensor
 
 from bokehnet.arrays.pyramid import downsample2
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.classical.rays_renderer import scatter_beyond
+from bokehnet.classical.scatter_renderer import scatter_beyond
 from bokehnet.errors import DataFileError
 from bokehnet.models.error import FEATURES
 from bokehnet.optics.aperture import Aperture

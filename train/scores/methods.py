@@ -8,7 +8,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from benchmarks.quality.classical_repair import guided, joint_bilateral
+from benchmarks.methods.classical_repair import guided, joint_bilateral
 from bokehnet.checks import check_choice
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engine_registry import ENGINES

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bokehnet.coarse_to_fine import RefineNetwork, render_neural
 from bokehnet.engine_registry import CLASSICAL
+from bokehnet.inference.coarse_to_fine import RefineNetwork, render_neural
 from bokehnet.io.color.srgb import linear_to_srgb
 from train.data.prepared import PLANES, PreparedSet
 from train.run.logbook import over_held_out

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measurement import scene
-from benchmarks.quality.score_table import Engine, print_header, print_scores, score
+from benchmarks.quality.tables.score_table import Engine, print_header, print_scores, score
 from bokehnet.classical.layered.boundaries import mixed_pixels
 from bokehnet.classical.layered.boundaries.edge_spread import estimate_filter
 from bokehnet.classical.layered.boundaries.unmixing import MixedPixels

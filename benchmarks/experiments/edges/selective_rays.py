@@ -10,10 +10,12 @@ processor time. The last hybrid uses the rays engine as post-process, and traces
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from time import process_time
 
 import numpy as np
 
+from bokehnet.baselines.gather.scatter_as_you_gather import jimenez
 from bokehnet.baselines.rays.ray_mask import normals_of_depth
 from bokehnet.baselines.rays.selective_rays import SelectiveResult, TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
@@ -42,18 +44,29 @@ _SCENES = {"room": ((0, 1, 0), 3), "open": ((0, 0, 1), 5), "table": ((1, 0, 0), 
 # Expected errors, 8-bit levels, from which a pixel sends rays, and from which it sends the maximum number.
 _MIN_ERROR, _FULL_ERROR = 1.0, 4.0
 
+# Post-process of breda, with a random offset of each tap.
+_JITTERED = partial(jimenez, jitter=1.0)
+
 # Options of each hybrid.
 _OURS = {"mask": "reach", "rule": "ours", "post_process": scatter}
 _HYBRIDS = {
     "hybrid, as published": {"mask": "sobel", "rule": "tan"},
     "hybrid, by tile": {"mask": "sobel", "rule": "tan", "by_tile": True},
     "hybrid, our mask": {"mask": "reach", "rule": "tan"},
+    "hybrid, breda": {"mask": "sobel", "rule": "breda", "post_process": _JITTERED},
+    "hybrid, our mask, breda": {
+        "mask": "reach",
+        "rule": "breda",
+        "post_process": partial(jimenez, jitter=1.0),
+    },
+    "hybrid, our mask, fields": {"mask": "reach", "rule": "fields", "post_process": scatter},
     "hybrid, ours": _OURS,
     "hybrid, ours, by tile": _OURS | {"by_tile": True},
     "hybrid, ours, neyman": _OURS | {"allocation": neyman},
     "hybrid, expected error": {"mask": "expected", "rule": "ours", "allocation": neyman},
 }
 _POST = {"hybrid, as published": "tan", "hybrid, by tile": "tan, by tile", "hybrid, ours": "scatter"}
+_POST |= {"hybrid, breda": "jimenez, jittered"}
 _POST |= {"hybrid, expected error": "rays through the picture"}
 
 

@@ -11,6 +11,7 @@ from numba import prange
 
 from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
+from bokehnet.baselines.gather.resolution import with_resolution
 from bokehnet.checks import check_whole
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -58,6 +59,7 @@ def _gather(image, defocus, shape, samples, bokeh):
             bokeh[y, x, 2] = blue / (samples + 1)
 
 
+@with_resolution
 def gather_basic(
     image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, samples: int = 512
 ) -> np.ndarray:

@@ -12,6 +12,7 @@ from numba import prange
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
+from bokehnet.baselines.gather.resolution import with_resolution
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
 from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.checks import check_whole
@@ -72,6 +73,7 @@ def _gather(image, defocus, offsets, reach, size, frame, cats_eye, bokeh):
             bokeh[y, x, 2] = blue / total
 
 
+@with_resolution
 def gather_bokeh(
     image: np.ndarray,
     defocus: np.ndarray,

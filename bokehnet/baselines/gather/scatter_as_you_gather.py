@@ -16,9 +16,10 @@ import numpy as np
 from numba import prange
 
 from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
+from bokehnet.baselines.gather.basic_gather import random_number
 from bokehnet.baselines.gather.half_size import doubled, extreme_of_four
 from bokehnet.baselines.gather.tiles import dilated_tiles
-from bokehnet.checks import check_above
+from bokehnet.checks import check_above, check_at_least
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
@@ -163,8 +164,8 @@ def _prefilter(image, defocus, coc, largest, size, spread, result):
 
 
 @njit(cache=True, parallel=True)
-def _main(light, coc, nearest, largest, size, strategies, table, shape, fade, two_layers, result):
-    """Fill ``result`` (half size) with colours and the foreground's alpha."""
+def _main(light, coc, nearest, largest, size, strategies, table, shape, fade, two_layers, jitter, result):
+    """Fill ``result`` (half size) with colours and the foreground's alpha; taps move by ``jitter`` pixels."""
     rows, columns, _ = light.shape
     for y in prange(rows):
         for x in range(columns):
@@ -181,8 +182,12 @@ def _main(light, coc, nearest, largest, size, strategies, table, shape, fade, tw
                 angle, distance = table[rings - 1, index, 0], table[rings - 1, index, 1] * reach
                 fraction = angle / (2.0 * math.pi)
                 radial = distance * shape[int((fraction - math.floor(fraction)) * ANGLES) % ANGLES]
-                row = min(max(int(math.floor(y + radial * math.sin(angle) + 0.5)), 0), rows - 1)
-                column = min(max(int(math.floor(x + radial * math.cos(angle) + 0.5)), 0), columns - 1)
+                down, across = y + radial * math.sin(angle) + 0.5, x + radial * math.cos(angle) + 0.5
+                if jitter > 0.0:
+                    down += jitter * (random_number(x, y, 2 * index) - 0.5)
+                    across += jitter * (random_number(x, y, 2 * index + 1) - 0.5)
+                row = min(max(int(math.floor(down)), 0), rows - 1)
+                column = min(max(int(math.floor(across)), 0), columns - 1)
                 if plain:
                     for c in range(3):
                         front[c] += light[row, column, c]
@@ -220,6 +225,7 @@ def _render(
     aperture: Aperture | None,
     fade: float,
     by_tile: bool,
+    jitter: float = 0.0,
 ) -> np.ndarray:
     check_above("fade", fade, 0)
     image, defocus, aperture = check_baseline(name, "outline", image, defocus, aperture)
@@ -244,6 +250,7 @@ def _render(
             shape,
             fade / 2,
             kind.two_layers,
+            jitter,
             blurred,
         )
     blurred[..., :3] = median_of_nine(blurred[..., :3])
@@ -263,6 +270,7 @@ def jimenez(
     *,
     fade: float = 1.0,
     by_tile: bool = False,
+    jitter: float = 0.0,
 ) -> np.ndarray:
     """Render by Jimenez's post-process: the centre and 48 taps in 3 rings, two layers, alpha between them.
 
@@ -276,6 +284,8 @@ def jimenez(
         fade: Distance behind the nearest depth of its tile at which a pixel is fully background, pixels of
             defocus; the thesis fades over 1.5 times the focus distance in scene depth.
         by_tile: Select a strategy per tile (:func:`tile_strategies`), unlike the publication.
+        jitter: Range of a random offset of each tap, half-size pixels; 1 is that of thesis 000, 5.1.1, whose
+            noise its temporal anti-aliasing hides.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -284,7 +294,8 @@ def jimenez(
         Jimenez, "Next generation post processing in Call of Duty: Advanced Warfare", SIGGRAPH courses 2014;
         Karis, "Tone mapping", 2013; thesis 000, 5.0.1 and 5.1.1.
     """
-    return _render("jimenez", _JIMENEZ, image, defocus, aperture, fade, by_tile)
+    check_at_least("jitter", jitter, 0)
+    return _render("jimenez", _JIMENEZ, image, defocus, aperture, fade, by_tile, jitter)
 
 
 def tan(

@@ -11,6 +11,7 @@ from numba import prange
 
 from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
+from bokehnet.baselines.gather.resolution import with_resolution
 from bokehnet.baselines.gather.spiral import spiral
 from bokehnet.checks import check_above
 from bokehnet.classical.parallel import parallel_region
@@ -48,6 +49,7 @@ def _gather(image, defocus, offsets, bokeh):
             bokeh[y, x, 2] = blue / steps
 
 
+@with_resolution
 def gather_spiral(
     image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, scale: float = 0.35
 ) -> np.ndarray:

@@ -5,20 +5,22 @@ the first layer between them. Pixel i spans i to i + 1, z grows away from the ca
 are sorted by z, and the border values extend outside the picture.
 
 ``walk_corners`` tests at each pixel on which side of its corner the ray's end lies, and can step across the
-corner; ``walk_edges`` tests which of two edges comes next. Both visit the same pixels, except at corners that
-a ray hits. Nearly vertical rays can slip between two squares of a slope, so a ray extends slightly beyond its
+corner; ``walk_edges`` tests which of two edges comes next; ``walk_runs`` crosses all pixels of a row, or of a
+column if the ray is steep, in one run without a test. All visit the same pixels, except at corners that a ray
+hits. Nearly vertical rays can slip between two squares of a slope, so a ray extends slightly beyond its
 pixel in depth.
 
 Source: thesis 001, 4.2.1 and 4.2.2; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
-Eurographics 1987. As printed, the first selects the wrong one of two edges, and both a wrong pixel; see
-``docs/method/theses_formulas.md``.
+Eurographics 1987; Henning and Stephenson, "Accelerating the ray tracing of height fields", GRAPHITE 2004, for
+runs, after thesis 001, 3.2.3. As printed, the first selects the wrong one of two edges, and both a wrong
+pixel; see ``docs/method/theses_formulas.md``.
 """
 
 import math
 
 from bokehnet.kernels import njit
 
-__all__ = ["first_between", "walk_corners", "walk_edges"]
+__all__ = ["first_between", "walk_corners", "walk_edges", "walk_runs"]
 
 # Distance within which a point is on an edge, and length below which a step is zero, pixels.
 _EDGE_TOLERANCE_PX, _MIN_STEP_PX = 1e-9, 1e-9
@@ -132,3 +134,39 @@ def walk_corners(z, count, start, end, slack):
         column, row, corner_x, corner_y = column + next_x, row + next_y, corner_x + next_x, corner_y + next_y
         entry = leave
     return row, column, first_between(z, count, row, column, entry, end[2] + slack)
+
+
+@njit(cache=True)
+def walk_runs(z, count, start, end, slack):
+    """Trace a ray run by run: 3.2.3; within a run only the depth changes, by a constant step.
+
+    Arguments and result are those of :func:`walk_edges`.
+    """
+    swapped = abs(end[1] - start[1]) > abs(end[0] - start[0])
+    major, minor = (1, 0) if swapped else (0, 1)
+    p0, q0, z0 = start[major], start[minor], start[2]
+    dp, dq, dz = end[major] - p0, end[minor] - q0, end[2] - z0
+    step_p, step_q = 1 if dp >= 0.0 else -1, 1 if dq >= 0.0 else -1
+    p, q = _cell(p0, dp), _cell(q0, dq)
+    last_p, last_q = _last_cell(end[major], dp, p), _last_cell(end[minor], dq, q)
+    dp = dp if abs(dp) > _MIN_STEP_PX else step_p * _MIN_STEP_PX
+    dq = dq if abs(dq) > _MIN_STEP_PX else step_q * _MIN_STEP_PX
+    next_p, gain = (p + max(step_p, 0) - p0) / dp, step_p / dp
+    entry = z0
+    while True:
+        border = (q + max(step_q, 0) - q0) / dq if q != last_q else math.inf
+        # All pixels of the run but the last are left across the major edge.
+        run = abs(last_p - p)
+        if q != last_q:
+            run = min(run, max(int(math.ceil((border - next_p) / gain)), 0))
+        for _ in range(run):
+            leave = z0 + min(next_p, 1.0) * dz
+            layer = first_between(z, count, p if swapped else q, q if swapped else p, entry, leave + slack)
+            if layer >= 0:
+                return (p, q, layer) if swapped else (q, p, layer)
+            p, next_p, entry = p + step_p, next_p + gain, leave
+        leave = end[2] if q == last_q else z0 + min(border, 1.0) * dz
+        layer = first_between(z, count, p if swapped else q, q if swapped else p, entry, leave + slack)
+        if layer >= 0 or q == last_q:
+            return (p, q, layer) if swapped else (q, p, layer)
+        q, entry = q + step_q, leave

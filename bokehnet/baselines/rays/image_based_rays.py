@@ -18,7 +18,7 @@ from numba import prange
 
 from bokehnet.baselines.apertures import check_baseline
 from bokehnet.baselines.gather.basic_gather import random_number
-from bokehnet.baselines.rays.height_field import walk_corners, walk_edges
+from bokehnet.baselines.rays.height_field import walk_corners, walk_edges, walk_runs
 from bokehnet.baselines.rays.n_buffers import n_buffers, radius_bounds
 from bokehnet.checks import check_choice, check_same_size, check_whole
 from bokehnet.classical.known_layers import Layers
@@ -29,7 +29,7 @@ from bokehnet.optics.sampling import sobol
 
 __all__ = ["WALKS", "image_rays", "trace_height_fields"]
 
-WALKS = ("edges", "corners")
+WALKS = ("edges", "corners", "runs")
 
 # Minimum coverage of an opaque layer: layers of the thesis are either opaque or absent.
 _MIN_COVERAGE = 0.5
@@ -43,7 +43,7 @@ _NUM_POINT_SETS, _BOUND_ITERATIONS = 256, 3
 
 
 @njit(cache=True, parallel=True)
-def _trace(colors, z, count, low, high, points, slack, corners, bounded, bokeh, lost):
+def _trace(colors, z, count, low, high, points, slack, walk, bounded, bokeh, lost):
     height, width, _ = z.shape
     for y in prange(height):
         for x in range(width):
@@ -60,8 +60,10 @@ def _trace(colors, z, count, low, high, points, slack, corners, bounded, bokeh, 
                 u, v = point_set[s, 0], point_set[s, 1]
                 start = (x + 0.5 + near * u, y + 0.5 + near * v, near)
                 end = (x + 0.5 + far * u, y + 0.5 + far * v, far)
-                if corners:
+                if walk == 1:
                     row, column, layer = walk_corners(z, count, start, end, slack)
+                elif walk == 2:
+                    row, column, layer = walk_runs(z, count, start, end, slack)
                 else:
                     row, column, layer = walk_edges(z, count, start, end, slack)
                 if layer < 0:
@@ -105,7 +107,7 @@ def trace_height_fields(
         layers: Layers; those of less than half a pixel's coverage are ignored, all others are opaque.
         aperture: Aperture; default: disc.
         samples: Rays per pixel, at least 1.
-        walk: ``edges`` or ``corners``, see :mod:`bokehnet.baselines.rays.height_field`.
+        walk: ``edges``, ``corners`` or ``runs``, see :mod:`bokehnet.baselines.rays.height_field`.
         bounded: Clip rays to the depths in their range; otherwise to those of the whole picture.
         seed: Seed of the rays.
 
@@ -132,7 +134,7 @@ def trace_height_fields(
     slack = max(_RELATIVE_SLACK * float(high[-1, 0, 0] - low[-1, 0, 0]), _MIN_SLACK_PX)
     bokeh, lost = np.empty((*count.shape, 3), np.float32), np.empty(count.shape)
     with parallel_region:
-        _trace(colors, z, count, low, high, points, slack, walk == "corners", bounded, bokeh, lost)
+        _trace(colors, z, count, low, high, points, slack, WALKS.index(walk), bounded, bokeh, lost)
     return bokeh, lost
 
 
@@ -153,7 +155,7 @@ def image_rays(
         aperture: Any aperture without a cat's-eye; default: disc.
         layers: Layers that replace the single layer of picture and defocus.
         samples: Rays per pixel, at least 1.
-        walk: Tracing algorithm, ``edges`` or ``corners``.
+        walk: Tracing algorithm, ``edges``, ``corners`` or ``runs``.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -162,7 +164,7 @@ def image_rays(
         ShapeError: The layers have another size.
 
     Source:
-        Thesis 001, 4.2.1 (``corners``) and 4.2.2 (``edges``).
+        Thesis 001, 4.2.1 (``corners``), 4.2.2 (``edges``) and 3.2.3 (``runs``).
     """
     image, defocus, aperture = check_baseline("image_rays", "any", image, defocus, aperture)
     if layers is None:

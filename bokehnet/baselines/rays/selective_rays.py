@@ -20,6 +20,11 @@ from functools import partial
 import numpy as np
 
 from bokehnet.baselines.gather.scatter_as_you_gather import tan
+from bokehnet.baselines.rays.breda_compositing import (
+    composite_breda,
+    composite_fields,
+    split_fields,
+)
 from bokehnet.baselines.rays.ray_mask import gaussian, in_mixed_tiles, ray_mask
 from bokehnet.baselines.rays.reprojection import History
 from bokehnet.checks import check_above, check_choice, check_same_size, check_whole
@@ -34,7 +39,7 @@ __all__ = ["RULES", "SelectiveResult", "TraceRays", "checked_trace", "lens_rays"
 # mask of hits (N,).
 TraceRays = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
-RULES = ("tan", "ours")
+RULES = ("tan", "ours", "breda", "fields")
 
 # Weights of the variance for rays (5.10) and for smoothing, and the maximum smoothing (5.13).
 _RAY_VARIANCE_WEIGHT, _SMOOTHING_VARIANCE_WEIGHT, _MAX_SMOOTHING = 1e5, 2e3, 0.9
@@ -204,7 +209,8 @@ def selective_rays(
             :mod:`bokehnet.baselines.rays.ray_mask`; or the fraction of ``max_rays`` of each pixel, (H, W), 0
             to 1.
         rule: ``tan``: as published. ``ours``: sends rays where they are noisy and differ from the
-            post-process, and blends both with the minimum expected error.
+            post-process, and blends both with the minimum expected error. ``breda`` and ``fields``: rays as
+            published, composited as in :mod:`bokehnet.baselines.rays.breda_compositing`.
         by_tile: Send no rays in tiles of one depth (:func:`bokehnet.baselines.rays.ray_mask.in_mixed_tiles`),
             and select a strategy per tile in Tan's post-process.
         max_rays: Maximum number of rays per pixel and frame, at least 1.
@@ -264,18 +270,21 @@ def selective_rays(
     merged, ratio = moments.merged()
     sent, variance = moments.rays, moments.variance
     flat = post.reshape(-1, 3)
-    if rule == "tan":
-        radius = np.abs(defocus).ravel()
-        light, ratio = _smoothed(merged, ratio, sent, variance, radius, size)
-        ray_weight = _published_ray_weight(sent, ratio, defocus.ravel())
+    if rule in ("breda", "fields"):
+        result = _by_fields(rule, image, depth, defocus, focus, post, blur, moments)
     else:
-        light, ray_weight = merged, _expected_error(moments, flat, size)[1]
-    if specular is not None:
-        check_same_size("image", image, "specular", specular)
-        ray_weight = np.where(np.ravel(specular), 0.0, ray_weight)
-    result = flat + ray_weight[:, None] * (light - flat)
-    sharp = (np.abs(defocus).ravel() <= _IN_FOCUS_RADIUS_PX) & ((rule == "tan") | (sent == 0))
-    result = np.where(sharp[:, None], np.reshape(image, (-1, 3)), result)
+        if rule == "tan":
+            radius = np.abs(defocus).ravel()
+            light, ratio = _smoothed(merged, ratio, sent, variance, radius, size)
+            ray_weight = _published_ray_weight(sent, ratio, defocus.ravel())
+        else:
+            light, ray_weight = merged, _expected_error(moments, flat, size)[1]
+        if specular is not None:
+            check_same_size("image", image, "specular", specular)
+            ray_weight = np.where(np.ravel(specular), 0.0, ray_weight)
+        result = flat + ray_weight[:, None] * (light - flat)
+        sharp = (np.abs(defocus).ravel() <= _IN_FOCUS_RADIUS_PX) & ((rule == "tan") | (sent == 0))
+        result = np.where(sharp[:, None], np.reshape(image, (-1, 3)), result)
     return SelectiveResult(
         bokeh=result.reshape(*size, 3).astype(np.float32),
         post_process=post,
@@ -290,6 +299,40 @@ def selective_rays(
             depth=np.asarray(depth, np.float64),
         ),
     )
+
+
+def _by_fields(
+    rule: str,
+    image: np.ndarray,
+    depth: np.ndarray,
+    defocus: np.ndarray,
+    focus: float,
+    post: np.ndarray,
+    blur: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    moments: _Moments,
+) -> np.ndarray:
+    """Return the composite of ``breda`` or ``fields``, (H * W, 3)."""
+    size = defocus.shape
+    fields = split_fields(image, defocus, blur)
+    if rule == "fields":
+        near, far = (
+            (moments.light[i] / np.maximum(moments.count[i], 1)[:, None]).reshape(*size, 3) for i in (0, 1)
+        )
+        return composite_fields(fields, near, far, moments.count.reshape(2, *size)).reshape(-1, 3)
+    merged, ratio = moments.merged()
+    radius = np.abs(defocus).ravel()
+    light, ratio = _smoothed(merged, ratio, moments.rays, moments.variance, radius, size)
+    return composite_breda(
+        image,
+        post,
+        light.reshape(*size, 3),
+        ratio.reshape(size),
+        moments.rays.reshape(size),
+        depth,
+        defocus,
+        focus,
+        fields[2],
+    ).reshape(-1, 3)
 
 
 def _disparity_in_focus(lens: LensModel) -> float:
@@ -309,7 +352,7 @@ def _fraction_of_rays(
     """Return the fraction of the maximum rays of each pixel in a frame: (5.10), or by remaining noise."""
     if frame == 0:
         return ray_fraction
-    if rule == "tan":
+    if rule != "ours":
         variance = gaussian(moments.variance.reshape(size), 1.0).ravel()
         return np.clip(ray_fraction + _RAY_VARIANCE_WEIGHT * variance, 0, 1) * (ray_fraction > 0)
     noise, ray_weight = _expected_error(moments, post, size)

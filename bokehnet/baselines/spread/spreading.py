@@ -15,7 +15,7 @@ from bokehnet.checks import check_above, check_whole
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["hybrid_spreading", "local_contrast", "perimeter", "rectangle"]
+__all__ = ["hybrid_spreading", "local_contrast", "perimeter", "rectangle", "spread_outlines"]
 
 # Number of channels of a pixel: light and weight.
 _CHANNELS = 4
@@ -103,12 +103,28 @@ def _spread(image: np.ndarray, defocus: np.ndarray, aperture: Aperture, outlined
     _add_squares(image, defocus, ~outlined, squares)
     sums = squares.cumsum(axis=0)[:height]
     if outlined.any():
-        for side in (1, -1):
-            radii = radius_ladder(max(0.0, float((side * defocus).max())))
-            low, upper = ladder_positions(defocus, radii, side)
-            _add_outlines(image, low, upper, *_outlines(aperture, radii, side), outlined, sums)
+        _add_all_outlines(image, defocus, aperture, outlined, sums)
     sums = sums.cumsum(axis=1)[:, :width]
     return normalised(sums[..., :3], sums[..., 3], image)
+
+
+def _add_all_outlines(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, mask: np.ndarray, sums: np.ndarray
+) -> None:
+    for side in (1, -1):
+        radii = radius_ladder(max(0.0, float((side * defocus).max())))
+        low, upper = ladder_positions(defocus, radii, side)
+        _add_outlines(image, low, upper, *_outlines(aperture, radii, side), mask, sums)
+
+
+def spread_outlines(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, mask: np.ndarray
+) -> np.ndarray:
+    """Return light and coverage, (H, W, 4) float64, that the pixels of a mask spread by their outlines."""
+    height, width = defocus.shape
+    sums = np.zeros((height, width + 1, _CHANNELS))
+    _add_all_outlines(image, defocus, aperture, mask, sums)
+    return sums.cumsum(axis=1)[:, :width]
 
 
 def local_contrast(image: np.ndarray, window: int) -> np.ndarray:

@@ -41,6 +41,10 @@ _MAX_LIGHT_FRACTION = 1 / 20
 # are powers of two, into which rows of few pixels divide evenly.
 _CELL_FRACTION, _MIN_FREE_CELL_PX = 1 / 16, 6.0
 
+# Cells full of similar light are merged in squares of these numbers of cells. Light
+# counts as similar if the brightest is at most ``_MAX_LIGHT_RATIO`` times the darkest.
+_EVEN_CELLS, _MAX_LIGHT_RATIO = (2, 4), 3.0
+
 # Floats of PSF images in memory at the same time.
 _FLOATS = 16_000_000
 
@@ -134,14 +138,32 @@ def _fade(t: np.ndarray) -> np.ndarray:
 def _group_lights(lights: np.ndarray) -> np.ndarray:
     """Return a group index for the lights of similar defocus in one cell, (N,).
 
-    A cell is a square of whole pixels, at most ``_CELL_FRACTION`` of the radius wide.
+    A cell is a square of whole pixels, at most ``_CELL_FRACTION`` of the radius wide, or several cells where
+    they are full of similar light.
     """
     x, y, depth = lights[:, 0], lights[:, 1], np.round(lights[:, 2] / DISCONTINUITY_THRESHOLD)
     cell = np.maximum(np.abs(depth) * DISCONTINUITY_THRESHOLD * _CELL_FRACTION, 1.0)
     cell = np.where(cell < _MIN_FREE_CELL_PX, 2.0 ** np.floor(np.log2(cell)), np.floor(cell))
-    keys = np.stack([depth, x // cell, y // cell], axis=1)
-    _, group = np.unique(keys, axis=0, return_inverse=True)
-    return group.reshape(-1)
+    group = _cell_index(depth, x // cell, y // cell)
+    brightness = lights[:, 3:6].max(axis=1)
+    for side in _EVEN_CELLS:
+        wide = _cell_index(depth, x // (side * cell), y // (side * cell))
+        darkest, brightest = np.full(len(lights), np.inf), np.zeros(len(lights))
+        np.minimum.at(darkest, wide, brightness)
+        np.maximum.at(brightest, wide, brightness)
+        even = np.bincount(wide, minlength=len(lights))[wide] == (side * cell) ** 2
+        even &= brightest[wide] <= _MAX_LIGHT_RATIO * darkest[wide]
+        group = np.where(even, side * len(lights) + wide, group)
+    return np.asarray(np.unique(group, return_inverse=True)[1])
+
+
+def _cell_index(depth: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the index of the cell of each light, equal for equal depth, x and y, (N,)."""
+    index = np.zeros(len(depth), np.int64)
+    for values in (depth, x, y):
+        low = values.min(initial=0)
+        index = index * int(values.max(initial=0) - low + 1) + (values - low).astype(np.int64)
+    return np.asarray(np.unique(index, return_inverse=True)[1])
 
 
 def _merge(lights: np.ndarray) -> np.ndarray:

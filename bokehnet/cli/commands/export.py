@@ -11,7 +11,11 @@ __all__ = ["export"]
 
 @click.command(cls=SectionedCommand)
 @click.option("--output", "-o", type=PATH, required=True, help="Output file, .onnx.")
-@click.option("--engine", default="fast", help="Engine: fast, or neural (better and slower).")
+@click.option(
+    "--engine",
+    default="fast",
+    help="Engine: fast, neural (better and slower), or rays (best at depth edges).",
+)
 @click.option(
     "--weights",
     type=PATH,

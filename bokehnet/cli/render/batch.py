@@ -12,8 +12,8 @@ from bokehnet.cli.commands.models import ensure_model
 from bokehnet.cli.progress import compile_notice, progress, write_above
 from bokehnet.cli.render.frame import FrameJob, make_renderer
 from bokehnet.cli.render.run_settings import RunSettings
+from bokehnet.cli.render.shot.workers import render_here, render_in_processes
 from bokehnet.cli.render.summary import FrameSummary, SummaryPrinter
-from bokehnet.cli.render.workers import render_here, render_in_processes
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS

@@ -14,8 +14,8 @@ from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
 from bokehnet.io.overwrite_guard import check_overwrite
-from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.render.output import check_output
 from bokehnet.scene.camera import complete_camera, merged_camera

@@ -93,13 +93,10 @@ def render(
     if sequence.frames is None:
         from bokehnet.cli.commands.models import ensure_depth
         from bokehnet.cli.render.checks import check_inputs, check_job
-        from bokehnet.cli.render.large_blur import confirm_set_blur
 
         _check_single(Path(image), sequence, run)
         check_job(Path(image), target, resolved)
-        window = check_inputs(Path(image), resolved)
-        if not quiet:
-            confirm_set_blur(resolved, window)
+        check_inputs(Path(image), resolved)
         ensure_depth(Path(image), resolved)
     # Kernels are imported from here on.
     from bokehnet.cli.render.frame import FrameJob
@@ -172,8 +169,8 @@ def _render_sequence(
     ensure_model(job.settings.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
-    from bokehnet.cli.render.cluster_frames import render_on_cluster
-    from bokehnet.cli.render.workers import render_frames  # keeps single pictures fast
+    from bokehnet.cli.render.shot.cluster_frames import render_on_cluster
+    from bokehnet.cli.render.shot.workers import render_frames  # keeps single pictures fast
 
     cluster = None if run.ray is None else partial(render_on_cluster, address=run.ray)
     with compile_notice(hidden=quiet):

@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING
 
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job
-from bokehnet.cli.render.large_blur import large_blur_notice, largest_set_blur
+from bokehnet.cli.render.large_blur import confirm_large_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.engine_registry import DEFAULT_ENGINE
 from bokehnet.errors import ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.image import read_image
 from bokehnet.progress import Progress, ignore_progress
-from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.scene.focus_checks import check_focus
-from bokehnet.scene.scene import read_scene
+from bokehnet.scene.scene import FocusedScene, read_scene
 from bokehnet.sequence.frame_names import existing_frames, frame_path, is_pattern
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
 from bokehnet.sequence.shot import Shot, frames_of_shot, probe_frames
@@ -239,10 +238,11 @@ def render_frame(
         begin: Callback that begins a stage by its label and returns its progress callback.
         meanwhile: Factory of a context manager around reading and depth repair, which leave Python's
             interpreter lock free most of the time.
-        warn: True to print the expected time of a very large blur.
+        warn: True to print the expected time of a very large blur, and to ask on a terminal.
 
     Raises:
         BokehnetError: A file cannot be read or written, or settings and files are inconsistent.
+        click.Abort: The user declines a long render.
     """
     times = [perf_counter()]
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
@@ -254,14 +254,11 @@ def render_frame(
         times.append(perf_counter())
         report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
-    if warn and largest_set_blur(job.settings) == 0:  # otherwise asked before reading
-        width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
-        radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
-        engine = job.settings.engine.name or DEFAULT_ENGINE
-        if notice := large_blur_notice(engine, width, height, radius):
-            write_above(notice)
     times.append(perf_counter())
-    result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
+    report = begin("rendering")
+    if warn:
+        report = _confirming(report, focused, job.settings)
+    result = renderer.render(focused, job.settings, report, overwrite=True)
     del focused
     times.append(perf_counter())
     report = begin("writing")
@@ -278,6 +275,24 @@ def render_frame(
         report=result.report,
         seconds=dict(zip(("read", "prepare", "render", "write"), durations, strict=True)),
     )
+
+
+def _confirming(report: Progress, focused: FocusedScene, settings: RenderSettings) -> Progress:
+    """Return a progress callback that first prints the expected time of a very large blur.
+
+    Its first call follows all checks of the engine.
+    """
+    width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
+    radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
+    pending = [True]
+
+    def confirmed(done: int, total: int) -> None:
+        if pending:
+            pending.clear()
+            confirm_large_blur(settings, width, height, radius)
+        report(done, total)
+
+    return confirmed
 
 
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:

@@ -6,11 +6,11 @@ import sys
 
 import click
 
+from bokehnet.cli.progress import write_above
 from bokehnet.engine_registry import DEFAULT_ENGINE
-from bokehnet.io.window import Window
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["confirm_set_blur", "expected_seconds", "large_blur_notice", "largest_set_blur"]
+__all__ = ["confirm_large_blur", "expected_seconds", "large_blur_notice"]
 
 # Blur radius, relative to the width, and time, s, above which a render is worth a question.
 _LARGE_BLUR, _LONG_SECONDS = 0.15, 10.0
@@ -23,42 +23,26 @@ _MAX_RADIUS = 1e9
 _PIXEL_SECONDS = {"scatter": (1e-7, 3e-9), "rays": (1.5e-6, 1e-7)}
 
 
-def confirm_set_blur(settings: RenderSettings, window: Window) -> None:
-    """Print the expected time of a very large blur that the settings define; ask on a terminal if it is long.
+def confirm_large_blur(settings: RenderSettings, width: int, height: int, radius: float) -> None:
+    """Print the expected time of a very large blur; ask on a terminal whether to go on if it is long.
 
     Args:
         settings: Settings of the render.
-        window: Size of the picture.
+        width: Width of the result, pixels.
+        height: Height of the result, pixels.
+        radius: Largest blur radius, pixels.
 
     Raises:
         click.Abort: The user declines.
     """
-    factor, engine = settings.input.supersampled, settings.engine.name or DEFAULT_ENGINE
-    width, height = window.display_width // factor, window.display_height // factor
-    radius = largest_set_blur(settings)
+    engine = settings.engine.name or DEFAULT_ENGINE
     notice = large_blur_notice(engine, width, height, radius)
     if not notice:
         return
-    click.echo(notice, err=True)
+    write_above(notice)
     is_long = expected_seconds(engine, width, height, radius) > _LONG_SECONDS
     if is_long and sys.stdin.isatty() and sys.stderr.isatty():
         click.confirm("Continue?", err=True, default=True, abort=True)
-
-
-def largest_set_blur(settings: RenderSettings) -> float:
-    """Return the largest blur radius that the settings alone allow, pixels; 0 if it depends on the map.
-
-    Examples:
-        >>> changes = {"input": {"disparity": "map.png"}, "camera": {"blur": 400}, "focus": {"value": 0.25}}
-        >>> largest_set_blur(RenderSettings().updated(changes))
-        300.0
-    """
-    blur, focus = settings.camera.blur, settings.focus
-    if blur is None:
-        return 0.0
-    if focus.value is None or focus.tilt_x or focus.tilt_y:
-        return blur
-    return blur * max(focus.value, 1 - focus.value)
 
 
 def expected_seconds(engine: str, width: int, height: int, radius: float) -> float:

@@ -44,7 +44,7 @@ def render_video(
             raise ParameterError(
                 name, expected="no such option for a video, which is rendered whole", shown="one"
             )
-    begun, info = perf_counter(), video_info(video)
+    begun, info = perf_counter(), video_info(video, settings.input.color_space)
     path: list[TrackedPoint] = []
     if sequence.track is not None:
         x, y, start = (*sequence.track, 1)[:3]

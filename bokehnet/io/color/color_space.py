@@ -19,6 +19,7 @@ __all__ = [
     "COLOR_SPACES",
     "D50",
     "LINEAR_REC709",
+    "REC709",
     "SRGB",
     "ColorSpace",
     "adaptation",
@@ -45,7 +46,7 @@ _MATRIX_TOLERANCE = 1e-3
 Chromaticities = tuple[tuple[float, float], ...]
 
 # Red, green, blue and white, CIE xy.
-_REC709: Chromaticities = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)
+REC709: Chromaticities = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)
 _P3: Chromaticities = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), _D65)
 _ADOBE: Chromaticities = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), _D65)
 _ROMM: Chromaticities = ((0.7347, 0.2653), (0.1596, 0.8404), (0.0366, 0.0001), (0.3457, 0.3585))
@@ -153,7 +154,7 @@ def space_of_chromaticities(
     Source: SMPTE RP 177, "Derivation of basic television color equations", 1993.
     """
     xy = np.asarray(chromaticities, np.float64)
-    if xy.shape != (4, 2) or not np.isfinite(xy).all() or (xy[:, 1] <= 0).any():
+    if xy.shape != (4, 2) or not np.isfinite(xy).all() or (xy[:, 1] == 0).any() or xy[3, 1] <= 0:
         raise ValueError("primaries are not four pairs of x and y")
     xyz = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(axis=1)) / xy[:, 1]])
     if abs(np.linalg.det(xyz[:, :3])) < 1e-9:
@@ -171,8 +172,8 @@ def chromaticities_of(space: ColorSpace) -> tuple[float, ...]:
     return (*xy.ravel().tolist(), *_D65)
 
 
-SRGB = space_of_chromaticities("sRGB", _REC709, SRGB_CURVE)
-LINEAR_REC709 = space_of_chromaticities("linear Rec.709", _REC709, LINEAR)
+SRGB = space_of_chromaticities("sRGB", REC709, SRGB_CURVE)
+LINEAR_REC709 = space_of_chromaticities("linear Rec.709", REC709, LINEAR)
 
 COLOR_SPACES: dict[str, ColorSpace] = {
     "srgb": SRGB,
@@ -193,7 +194,7 @@ COLOR_SPACES: dict[str, ColorSpace] = {
 
 # ITU-T H.273, "Coding-independent code points", 2021, tables 2 and 3. Transfer functions of television
 # pictures (1, 6, 14, 15) are displayed as sRGB in still pictures, and are read as such.
-_PRIMARIES = {1: _REC709, 2: _REC709, 9: _REC2020, 12: _P3}
+_PRIMARIES = {1: REC709, 2: REC709, 9: _REC2020, 12: _P3}
 _TRANSFERS = {1: SRGB_CURVE, 2: SRGB_CURVE, 4: power(2.2), 5: power(2.8), 6: SRGB_CURVE, 8: LINEAR}
 _TRANSFERS |= {13: SRGB_CURVE, 14: SRGB_CURVE, 15: SRGB_CURVE, 16: PQ, 18: HLG}
 _PRIMARY_NAMES = {1: "Rec. 709", 2: "Rec. 709", 9: "Rec. 2020", 12: "P3"}
@@ -210,7 +211,7 @@ def cicp_space(primaries: int, transfer: int) -> ColorSpace | None:
         return None
     name = f"{_PRIMARY_NAMES[primaries]} {_TRANSFER_NAMES.get(transfer, 'sRGB')}"
     chromaticities, curve = _PRIMARIES[primaries], _TRANSFERS[transfer]
-    if (chromaticities, curve) == (_REC709, SRGB_CURVE):
+    if (chromaticities, curve) == (REC709, SRGB_CURVE):
         return SRGB
     cicp = (primaries, transfer, 0, 1)
     return space_of_chromaticities(name, chromaticities, curve, cicp=cicp)

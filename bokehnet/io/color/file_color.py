@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.errors import ImageFileError
+from bokehnet.io.color.camera_spaces import CINEON
 from bokehnet.io.color.color_space import (
     COLOR_SPACES,
     LINEAR_REC709,
@@ -21,7 +22,18 @@ from bokehnet.io.containers.png import png_chunks
 from bokehnet.io.metadata.exif import is_adobe_rgb
 from bokehnet.io.pixels import ImageFile, Part
 
-__all__ = ["coded_space", "file_color_space"]
+__all__ = ["FILM_FORMATS", "coded_space", "file_color_space"]
+
+# Formats of film scans, and the spaces of the transfer curves that DPX headers name; others are undefined.
+# Source: SMPTE ST 268-1, "File format for digital moving-picture exchange (DPX)", 2014, table 5A.
+FILM_FORMATS = ("dpx", "cineon")
+_DPX_SPACES = {
+    "Printing density": CINEON,
+    "Logarithmic": CINEON,
+    "Linear": LINEAR_REC709,
+    "SMPTE 274M": SRGB,
+    "ITU-R 709-4": SRGB,
+}
 
 _NO_PROFILE_FORMATS = ("openexr", "hdr", "pfm")
 
@@ -34,8 +46,8 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
     """Return the colour space of the stored values of a picture.
 
     In order of precedence: code points (cICP), the profile, in PNG the chunks ``sRGB``, ``gAMA`` and
-    ``cHRM``, the EXIF of a camera; in EXR the attribute ``chromaticities``. Without any, integers are sRGB
-    and other values linear light.
+    ``cHRM``, the EXIF of a camera; in EXR the attribute ``chromaticities``; in DPX the transfer curve.
+    Without any, integers are sRGB and other values linear light.
 
     Args:
         file: Open file.
@@ -43,7 +55,7 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
         exif: EXIF of that file.
 
     Raises:
-        ImageFileError: The profile is damaged or its kind is unsupported.
+        ImageFileError: The profile is damaged or its kind is unsupported, or a DPX file names no curve.
 
     Source: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025, 4.3: precedence.
     """
@@ -51,6 +63,8 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
         return _exr_space(file, part)
     if file.file_format in _NO_PROFILE_FORMATS:
         return LINEAR_REC709
+    if file.file_format in FILM_FORMATS:
+        return _film_space(file, part)
     png = dict(png_chunks(file.path, (b"cICP", b"sRGB", b"gAMA", b"cHRM"))) if _is_png(file) else {}
     if len(code := png.get(b"cICP", b"")) == 4:
         coded = coded_space(file.path, code[0], code[1])
@@ -83,6 +97,19 @@ def coded_space(path: Path | str, primaries: int, transfer: int) -> ColorSpace |
             f"{primaries} and {transfer} of ITU-T H.273; convert the picture first"
         )
     return space
+
+
+def _film_space(file: ImageFile, part: Part) -> ColorSpace:
+    """Return the space of a film scan: Cineon files are film log, DPX headers name a transfer curve."""
+    if file.file_format == "cineon":
+        return CINEON
+    transfer = file.spec(part).get_string_attribute("dpx:Transfer")
+    if transfer not in _DPX_SPACES:
+        raise ImageFileError(
+            f"{file.path}: the header does not name the transfer curve (found {transfer!r}); set "
+            "`input.color_space`, such as cineon"
+        )
+    return _DPX_SPACES[transfer]
 
 
 def _is_png(file: ImageFile) -> bool:

@@ -32,13 +32,15 @@ class Curve:
     Attributes:
         kind: ``"parametric"`` has seven parameters g, a, b, c, d, e, f: ``(a x + b)^g + e`` for
             ``x >= d``, otherwise ``c x + f``. ``"table"`` interpolates linearly between equidistant samples.
+            ``"log"`` has seven parameters k, a, b, c, d, e, f of the stored values of light L:
+            ``c log10(a L + b) + d`` for ``L >= k``, otherwise ``e L + f``; it alone has negative light.
             The others are the formulas of their standards.
         values: Seven parameters, or samples.
 
     Source: ICC.1:2022, "Image technology colour management", 10.18; IEC 61966-2-1; ITU-R BT.2100-2.
     """
 
-    kind: Literal["linear", "srgb", "parametric", "table", "pq", "hlg"]
+    kind: Literal["linear", "srgb", "parametric", "table", "log", "pq", "hlg"]
     values: tuple[float, ...] = ()
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
@@ -47,6 +49,8 @@ class Curve:
             return stored
         if self.kind == "srgb":
             return np.asarray(srgb_to_linear(stored), stored.dtype)
+        if self.kind == "log":
+            return np.asarray(self._log(stored.astype(np.float64)), stored.dtype)
         size = np.abs(stored).astype(np.float64)
         light = np.copysign(getattr(self, f"_{self.kind}")(size), stored)
         return np.asarray(light, stored.dtype)
@@ -83,6 +87,15 @@ class Curve:
         rising = np.maximum.accumulate(self.values)
         stored = np.interp(light, rising, np.linspace(0, 1, len(rising)))
         return np.where(light <= rising[0], 0, stored)
+
+    def _log(self, x: NDArray[Any]) -> NDArray[Any]:
+        k, a, b, c, d, e, f = self.values
+        return np.where(x >= e * k + f, (10 ** ((np.minimum(x, 4) - d) / c) - b) / a, (x - f) / e)
+
+    def _log_back(self, light: NDArray[Any]) -> NDArray[Any]:
+        k, a, b, c, d, e, f = self.values
+        above = c * np.log10(a * np.maximum(light, k).astype(np.float64) + b) + d
+        return np.where(light >= k, above, e * light + f)
 
     def _pq(self, x: NDArray[Any]) -> NDArray[Any]:
         root = np.minimum(x, 1) ** (1 / _M2)

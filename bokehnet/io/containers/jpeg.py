@@ -16,6 +16,7 @@ __all__ = [
     "insert_segments",
     "jpeg_layout",
     "jpeg_segments",
+    "segments_of",
 ]
 
 JPEG_START = b"\xff\xd8\xff"
@@ -77,15 +78,20 @@ def jpeg_layout(data: bytes, start: int = 0) -> JpegLayout:
 
 def jpeg_segments(path: Path) -> list[tuple[int, bytes]]:
     """Return markers and payloads of a file up to its pixels; damage ends the list."""
+    return segments_of(path.read_bytes())
+
+
+def segments_of(data: bytes, start: int = 0) -> list[tuple[int, bytes]]:
+    """Return markers and payloads of the picture at ``start`` up to its pixels; damage ends the list."""
     segments: list[tuple[int, bytes]] = []
-    data, position = path.read_bytes(), 2
+    position = start + 2
     while len(segments) < _MAX_SEGMENTS and (fill := _FILL.match(data, position)):
-        start = fill.end()
-        if len(data) < start + 3 or data[start] in (_SCAN, _END):
+        at = fill.end()
+        if len(data) < at + 3 or data[at] in (_SCAN, _END):
             break
-        length = max(2, int.from_bytes(data[start + 1 : start + 3], "big"))
-        position = start + 1 + length
-        segments.append((data[start], data[start + 3 : position]))
+        length = max(2, int.from_bytes(data[at + 1 : at + 3], "big"))
+        position = at + 1 + length
+        segments.append((data[at], data[at + 3 : position]))
     return segments
 
 

@@ -176,6 +176,13 @@ def target_space(path: Path, source: ColorSpace, name: str, bits: Bits) -> Color
         return LINEAR_REC709 if same else _linear_space(space)
     if space == LINEAR_REC709 or (space.is_linear and space.icc is None and space.cicp is None):
         return SRGB
+    if space.curves[0].kind == "log":
+        if bits == 16:
+            return space
+        raise ImageFileError(
+            f"{path}: {space.name} needs 16 bits; write .exr, or .png or .tif with `output.bits` 16, or "
+            "choose `output.color_space` srgb"
+        )
     if space.icc is None and make_profile(space) is None and extension != ".png":
         raise ImageFileError(
             f"{path}: {extension} files cannot store colours of {space.name}; write .png or .exr, or choose "

@@ -160,7 +160,8 @@ def _stored_values(
     extension: str,
 ) -> Callable[[slice], Array]:
     """Return a function from rows to their stored values."""
-    bound = np.inf if target.cicp is not None else 1.0  # code points can represent light above white
+    # Code points and logarithms can represent light above white.
+    bound = np.inf if target.cicp is not None or target.curves[0].kind == "log" else 1.0
     channels = 1 if target.grey else 3
 
     def light_of(rows: slice) -> Array:

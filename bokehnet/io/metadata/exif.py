@@ -16,6 +16,7 @@ __all__ = [
     "describing_tags",
     "exif_of_tiff",
     "is_adobe_rgb",
+    "maker_note",
     "read_directory",
     "refreshed_exif",
     "tiff_order",
@@ -173,6 +174,16 @@ def is_adobe_rgb(exif: bytes) -> bool:
     space, interoperability = fields.get(_COLOR_SPACE), fields.get(_INTEROPERABILITY)
     index = ((interoperability.sub if interoperability else None) or {}).get(_INTEROPERABILITY_INDEX)
     return space is not None and space.number != _IS_SRGB and index is not None and index.text == "R03"
+
+
+def maker_note(exif: bytes) -> bytes:
+    """Return the maker note of a photograph; empty if there is none or its directory is damaged."""
+    try:
+        exif_entry = read_directory(exif)[0].get(_EXIF)
+    except ValueError:
+        return b""
+    note = ((exif_entry.sub if exif_entry else None) or {}).get(_MAKER_NOTE)
+    return note.values if note is not None and isinstance(note.values, bytes) else b""
 
 
 def refreshed_exif(exif: bytes, width: int, height: int, *, is_srgb: bool | None) -> bytes:

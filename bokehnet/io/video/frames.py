@@ -4,7 +4,7 @@ import contextlib
 import heapq
 import importlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,14 @@ import numpy.typing as npt
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, errors_of_file
+from bokehnet.io.color.camera_spaces import INPUT_COLOR_SPACES
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
 from bokehnet.io.containers.input_checks import check_name, check_pixel_count
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.io.video.chroma import PixelFormat
 from bokehnet.io.video.display_matrix import IDENTITY, DisplayMatrix
+from bokehnet.io.window import Window, plausible_aspect
 
 __all__ = [
     "CODECS",
@@ -96,6 +98,15 @@ class VideoInfo:
         return (self.height, self.width) if self.display.transposed else (self.width, self.height)
 
     @property
+    def window(self) -> Window:
+        """Size of the shown picture and shape of its pixels; square if the file's ratio is implausible."""
+        aspect = plausible_aspect(float(self.aspect))
+        return replace(
+            Window.whole(self.width, self.height),
+            pixel_aspect=1 / aspect if self.display.transposed else aspect,
+        )
+
+    @property
     def bits(self) -> int:
         """Bits per value of its pixels."""
         return PixelFormat.named(_planar(self.pixels), self.codes[2], self.full).bits
@@ -106,8 +117,12 @@ def is_video(path: Path | str) -> bool:
     return Path(path).suffix.lower() in VIDEO_EXTENSIONS
 
 
-def video_info(path: Path | str) -> VideoInfo:
+def video_info(path: Path | str, color_space: str = "auto") -> VideoInfo:
     """Read the header of a video and the times of its frames.
+
+    Args:
+        path: Video file.
+        color_space: ``"auto"`` for the space of its code points, or one of ``INPUT_COLOR_SPACES``.
 
     Raises:
         ImageFileError: The file cannot be read, holds no pictures, or its colour space is unsupported.
@@ -142,9 +157,9 @@ def video_info(path: Path | str) -> VideoInfo:
             pixels=context.pix_fmt,
             codes=(primaries, transfer, matrix),
             full=int(context.color_range or 0) == 2,
-            space=coded_space(path, primaries, transfer) or SRGB,
+            space=INPUT_COLOR_SPACES.get(color_space) or coded_space(path, primaries, transfer) or SRGB,
             timecode=next(filter(None, timecodes), "") or "",
-            aspect=context.sample_aspect_ratio or Fraction(1),
+            aspect=stream.sample_aspect_ratio or context.sample_aspect_ratio or Fraction(1),
         )
     _ = info.bits
     return info
@@ -276,6 +291,13 @@ def choose_codec(path: Path, info: VideoInfo, requested: str | None) -> str:
     codec = requested or default
     if extension in (".mp4", ".m4v") and codec in ("prores", "ffv1"):
         raise ParameterError("--video-codec", "h264 or h265 in MP4", codec, "write to .mov or .mkv")
+    if extension == ".mkv" and codec in ("prores", "ffv1") and info.aspect != 1:
+        raise ParameterError(
+            "--video-codec",
+            f"h264 or h265 in MKV for pixels of {info.aspect} times their height, which only they keep there",
+            codec,
+            "write to .mov",
+        )
     if codec in ("h264", "h265") and any(
         side % 2 and halved for side, halved in zip(info.stored_size, _halved(info, codec), strict=True)
     ):

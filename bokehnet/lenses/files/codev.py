@@ -5,7 +5,6 @@ Source: command names of the "CODE V reference manual".
 
 import math
 import re
-import shlex
 from pathlib import Path
 
 from bokehnet.errors import LensError
@@ -29,6 +28,9 @@ _POWERS = "ABCDEFGH"
 # Commands that move surfaces or bend light by other means; accepted if all their numbers are 0.
 _UNSUPPORTED = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "GRO", "GRX", "GRY", "DIF", "CYL", "XTO"}
 _UNSUPPORTED |= {"YTO", "NSS", "GRT", "SPS", "BEN", "DAR", "RET", "DEC", "HOE", "DOE", "HCT"}
+# Words, and pieces of a line: quoted texts stay whole.
+_WORD = re.compile(r"""(?:"[^"]*"|'[^']*'|\S)+""")
+_PIECE = re.compile(r""""[^"]*"|'[^']*'|!+|;+|[^"'!;]+|["']""")
 
 
 def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
@@ -40,10 +42,7 @@ def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
     """
     state = _State(path, catalogues)
     for line, command in _commands(path):
-        try:
-            words = shlex.split(command, posix=True)
-        except ValueError:
-            words = command.split()
+        words = [word.replace('"', "").replace("'", "") for word in _WORD.findall(command)]
         if not words:
             continue
         try:
@@ -58,17 +57,26 @@ def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
 def _commands(path: Path) -> list[tuple[int, str]]:
     """Return commands with their first line: ``;`` separates them, ``&`` joins lines, ``!`` is a comment."""
     commands: list[tuple[int, str]] = []
-    open_line, pending = 0, ""
+    open_line, pending = 0, list[str]()
     for line, text in enumerate(read_lines(path), start=1):
-        text = re.split(r"!(?=(?:[^'\"]*['\"][^'\"]*['\"])*[^'\"]*$)", text)[0].strip()
-        pending, open_line = (pending + " " + text, open_line) if pending else (text, line)
-        if pending.endswith("&"):
-            pending = pending[:-1]
-            continue
-        parts = re.split(r";(?=(?:[^'\"]*['\"][^'\"]*['\"])*[^'\"]*$)", pending)
-        commands += [(open_line, part.strip()) for part in parts if part.strip()]
-        pending = ""
+        text = _split(text, "!")[0].strip()
+        open_line = open_line if pending else line
+        pending.append(text.removesuffix("&"))
+        if not text.endswith("&"):
+            parts = _split(" ".join(pending), ";")
+            commands += [(open_line, part.strip()) for part in parts if part.strip()]
+            pending = []
     return commands
+
+
+def _split(text: str, separator: str) -> list[str]:
+    """Return the parts of a text between separators outside quotation marks."""
+    parts, start = [], 0
+    for piece in _PIECE.finditer(text):
+        if piece[0][0] == separator:
+            parts.append(text[start : piece.start()])
+            start = piece.end()
+    return [*parts, text[start:]]
 
 
 class _State:

@@ -14,8 +14,8 @@ from bokehnet.io.channels import read_channels
 from bokehnet.io.exr.deep import deep_layers
 from bokehnet.io.exr.header import is_exr
 from bokehnet.io.maps import depth_to_mm
-from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.picture import find_picture
 from bokehnet.optics.pixels.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 

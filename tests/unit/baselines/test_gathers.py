@@ -36,7 +36,7 @@ def test_random_numbers_are_uniform():
     assert abs(np.histogram(numbers, 16)[0] / len(numbers) - 1 / 16).max() < 0.005
 
 
-def test_basic_gather_is_the_first_listing_with_its_mean_mended():
+def test_basic_gather_is_the_first_listing_with_its_mean_corrected():
     image, defocus = scene()
     wanted = np.zeros(image.shape)
     for y, x in np.ndindex(defocus.shape):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
-from bokehnet.baselines.rays.height_field import walk_corners, walk_edges
+from bokehnet.baselines.rays.height_field import walk_corners, walk_edges, walk_runs
 from bokehnet.baselines.rays.image_based_rays import trace_height_fields
 from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.errors import ParameterError, ShapeError
 
-WALKS = {"edges": walk_edges, "corners": walk_corners}
+WALKS = {"edges": walk_edges, "corners": walk_corners, "runs": walk_runs}
 
 
 def first_square(z, start, end, slack):
@@ -38,7 +38,7 @@ def first_square(z, start, end, slack):
 
 
 @pytest.mark.parametrize("walk", WALKS)
-def test_both_walks_find_the_first_square(walk):
+def test_all_walks_find_the_first_square(walk):
     rng = np.random.default_rng(3)
     z = np.sort(rng.random((9, 11, 3)), 2)
     count = np.full((9, 11), 3)
@@ -116,7 +116,7 @@ def test_a_picture_alone_has_nothing_behind_its_edges():
     assert np.array_equal(baselines.image_rays(seen, defocus, layers=flat), trace_height_fields(flat)[0])
 
 
-def test_what_is_wrong_is_told():
+def test_mistakes_are_reported_by_name():
     layers = two_layers(-1.0, 2.0, 9)
     with pytest.raises(ParameterError, match="walk"):
         trace_height_fields(layers, walk="straight")

@@ -120,7 +120,7 @@ def test_tiles_of_one_depth_lose_nothing_by_the_cheap_way(method):
     assert np.array_equal(cheap[:, 96:], image[:, 96:])
 
 
-def test_tiles_are_told_apart():
+def test_tiles_are_distinguished():
     nearest = np.array([0.3, 4.0, 4.0, 30.0])
     farthest = np.array([-0.3, 3.9, -2.0, 29.0])
     assert sayg.tile_strategies(nearest, farthest, np.abs(nearest)).tolist() == [0, -4, 4, -8]
@@ -161,7 +161,7 @@ def test_far_light_stays_off_what_is_sharp():
         assert np.abs(method(image, far)[:, :30]).max() < 1e-6
 
 
-def test_lights_are_parted_and_keep_their_energy():
+def test_lights_are_separated_and_keep_their_energy():
     rng = np.random.default_rng(3)
     light = (0.2 * rng.random((40, 40, 3))).astype(np.float32)
     light[20, 20] = 50

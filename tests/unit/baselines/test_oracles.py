@@ -110,7 +110,7 @@ def plane_of(image, blur, share, scale):
     return sums[..., :3] / np.maximum(sums[..., 3:], 1e-6), np.minimum(sums[..., 3], 1)
 
 
-def test_multi_pass_gather_is_two_planes_laid_over_what_is_sharp():
+def test_multi_pass_gather_composites_two_planes_over_the_sharp_picture():
     image, defocus = scene()
     far_share, near_share = np.clip(-defocus - 0.5, 0, 1), np.clip(defocus - 0.5, 0, 1)
     far, far_alpha = plane_of(image, np.maximum(-defocus, 0), far_share, 0.7)
@@ -306,7 +306,7 @@ def test_lommel_spreads_the_spot_of_each_channels_wavelength():
     assert np.abs(baselines.lommel(image, defocus) - wanted).max() < 1e-5
 
 
-def test_hybrid_spreading_takes_outlines_where_a_pixel_stands_out_and_squares_elsewhere():
+def test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere():
     image, defocus = scene()
     threshold, sums, outlined = 0.2, np.zeros((*defocus.shape, 4)), 0
     grey = image.astype(float).mean(axis=2)

@@ -20,10 +20,10 @@ NAMES = [*BASELINES]
 
 # Which test of this folder writes each method out, pixel by pixel.
 ORACLES = {
-    "gather_basic": "test_gathers.test_basic_gather_is_the_first_listing_with_its_mean_mended",
+    "gather_basic": "test_gathers.test_basic_gather_is_the_first_listing_with_its_mean_corrected",
     "gather_spiral": "test_gathers.test_advanced_gather_is_the_second_listing",
     "gather_bokeh": "test_gathers.test_bokeh_gather_is_its_description",
-    "gather_passes": "test_oracles.test_multi_pass_gather_is_two_planes_laid_over_what_is_sharp",
+    "gather_passes": "test_oracles.test_multi_pass_gather_composites_two_planes_over_the_sharp_picture",
     "jimenez": "test_oracles.test_scatter_as_you_gather_is_its_passes_one_after_the_other",
     "tan": "test_oracles.test_scatter_as_you_gather_is_its_passes_one_after_the_other",
     "abadie": "test_oracles.test_abadie_is_two_gathered_layers_with_sprites",
@@ -34,7 +34,10 @@ ORACLES = {
     "rectangle": "spread.test_spreading.test_rectangle_spreads_squares_of_the_discs_area",
     "perimeter": "spread.test_spreading.test_perimeter_spreads_the_whole_image_of_the_opening",
     "hybrid_spreading": "test_oracles."
-    "test_hybrid_spreading_takes_outlines_where_a_pixel_stands_out_and_squares_elsewhere",
+    "test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere",
+    "spread_intervals": "spread.test_layered_spreading.test_intervals_are_spread_and_composited",
+    "spread_pixel_layers": "spread.test_layered_spreading."
+    "test_pixel_layers_are_sorted_by_the_surface_of_the_pixel",
     "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
     "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
     "bokehme_scatter": "spread.test_spreading.test_the_published_scatter_is_its_double_loop",
@@ -115,7 +118,7 @@ def test_each_method_has_a_slow_oracle(name):
     assert "wanted" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
 
 
-def test_baselines_stand_beside_the_engines():
+def test_baselines_are_listed_with_the_engines():
     assert not set(BASELINES) & set(ENGINES)
     assert set(BASELINES) < set(baselines.__all__)
     for name in BASELINES:

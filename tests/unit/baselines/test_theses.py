@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.experiments.edges.pan import flicker, pan
 from benchmarks.quality import theses
-from benchmarks.quality.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
-from benchmarks.quality.theses_table import merged, table
+from benchmarks.quality.scenes.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
+from benchmarks.quality.tables.theses_table import merged, table
 from bokehnet.baselines import BASELINES
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
@@ -51,7 +51,7 @@ def test_ringing_is_the_sum_of_all_rises_outwards():
     assert ringing(flat - 0.2 * (distance == 15), 2.0) == pytest.approx(0.1)  # below black, and back
 
 
-def test_one_table_tells_all_and_a_dash_where_nothing_was_run():
+def test_one_table_lists_all_with_a_dash_for_missing_runs():
     scores = {"edge": 30.0, "psnr": 33.0, "flip": 0.1}
     first = {"scenes": {"a": {"tan": scores, "rays": scores}}, "faults": {"tan": dict.fromkeys(FAULTS, 1.0)}}
     second = {

@@ -21,7 +21,7 @@ def test_a_slope_marks_nothing():
     assert geometric_error_map(slope).max() == 0
 
 
-def test_soft_edge_lies_outside_the_hard_mask_and_ends_soon():
+def test_soft_edge_is_outside_the_hard_mask_and_narrow():
     soft, hard = (geometric_error_map(step(-8.0, 2.0), softness=s) for s in (2, 0))
     assert soft[hard == 1].min() == pytest.approx(1)
     assert set(np.flatnonzero(soft[20])) <= set(range(29 - 12, 30 + 13))

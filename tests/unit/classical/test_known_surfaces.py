@@ -79,7 +79,7 @@ def test_a_sharp_front_before_a_blurred_wall_keeps_its_coverage():
     assert np.abs(held - image).max() < 0.06
 
 
-def test_pixels_that_were_parted_are_told():
+def test_unmixed_pixels_are_reported():
     image, defocus, known = wire()
     told = render_rays(image, defocus, known=known).mixed_pixels
     assert told is not None

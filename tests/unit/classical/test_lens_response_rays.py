@@ -141,7 +141,7 @@ def test_colours_part_without_a_jump():
     assert changes[2] < 0.001 < 0.005 < changes[1]
 
 
-def test_what_is_guessed_does_not_hang_on_parted_colours():
+def test_the_estimate_is_independent_of_unmixed_colours():
     image, defocus = picture(), stepped()
     one, parted = (
         render_rays(
@@ -163,7 +163,7 @@ def test_white_stays_white_behind_a_lens_that_parts_colours():
     np.testing.assert_allclose(found, image, atol=1e-6)
 
 
-def test_the_scatter_says_that_it_knows_no_aberrations():
+def test_the_scatter_reports_that_it_ignores_aberrations():
     image, defocus = picture(), stepped()
     with pytest.raises(ParameterError, match=r"engine: .* use the engine `rays`"):
         render_scatter(image, defocus, lens_response=CHARACTERS["coma"])

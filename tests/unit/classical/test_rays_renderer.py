@@ -101,7 +101,7 @@ def test_veils_one_behind_the_other_let_through_what_each_leaves(gap):
     assert np.abs(got.mean(axis=(0, 1)) - (through * shares) @ colors).max() < 0.03
 
 
-def test_true_layers_show_what_really_stands_behind():
+def test_true_layers_show_the_true_background():
     radius = 14.0
     image, defocus = half_plane(radius, 0.0)
     hidden = np.array([0.0, 1.0, 0.0], np.float32)
@@ -116,7 +116,7 @@ def test_true_layers_show_what_really_stands_behind():
     assert rms(rays(image, defocus, layers=layers), np.broadcast_to(expected, image.shape)) < 0.008
 
 
-def test_two_seeds_differ_by_little_noise_and_one_seed_by_none():
+def test_two_seeds_differ_by_little_noise_and_equal_seeds_do_not():
     rng = np.random.default_rng(2)
     image, defocus = half_plane(12.0, -9.0)
     image = image * rng.uniform(0.5, 1.5, image.shape).astype(np.float32)

@@ -59,7 +59,7 @@ def test_sign_of_the_defocus_does_not_matter_to_a_disc():
 
 
 @pytest.mark.parametrize("radius", [10.0, 30.0, 90.0])
-def test_highlight_leaves_no_streak_beside_its_disc(radius):
+def test_highlight_leaves_no_streak_next_to_its_disc(radius):
     """A light 1000 times as bright as white, beside black: the picture is black behind its disc."""
     size = 2 * math.ceil(radius) + 41
     bokeh = scatter(point_image(size, 1e3).astype(np.float32), np.full((size, size), radius, np.float32))

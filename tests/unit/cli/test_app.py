@@ -117,7 +117,7 @@ def test_the_traceback_of_a_bug_is_the_plain_one():
 
 
 @pytest.mark.slow
-def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
+def test_numbers_out_of_float_range_are_reported_in_one_line(tmp_path):
     """NumPy warns of the overflow besides; the program does not pass that on."""
     write_image(tmp_path / "photo.png", np.full((8, 8, 3), 0.5, np.float32))
     write_map(tmp_path / "z.exr", np.tile(np.linspace(1, 5, 8, dtype=np.float32), (8, 1)))

@@ -46,7 +46,7 @@ every = pytest.mark.parametrize(
 
 
 @every
-def test_how_far_it_is_stands_on_stderr(words, cli, monkeypatch):
+def test_progress_appears_on_stderr(words, cli, monkeypatch):
     """From the first moment on, also before anything is done."""
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
     arguments, label = words

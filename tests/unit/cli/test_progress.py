@@ -13,7 +13,7 @@ def make_kernel():
     return double
 
 
-def test_compiling_is_told_once(capsys):
+def test_compilation_is_announced_once(capsys):
     first, second = make_kernel(), make_kernel()
     with compile_notice():
         assert first(1) == 2
@@ -23,7 +23,7 @@ def test_compiling_is_told_once(capsys):
     assert captured.err == "bokehnet: compiling kernels for this machine, once; this may take a minute\n"
 
 
-def test_a_bar_tells_what_is_compiled_while_that_goes_on(capsys, monkeypatch):
+def test_a_bar_shows_compilation(capsys, monkeypatch):
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
     kernel, shown = make_kernel(), []
     with compile_notice(), stages() as begin:
@@ -44,7 +44,7 @@ def test_kernels_that_are_there_are_run_in_silence(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_first_render_tells_that_it_compiles_and_the_second_does_not(folder, cli_process, monkeypatch):
+def test_only_the_first_render_announces_compilation(folder, cli_process, monkeypatch):
     """In processes of their own, with an empty cache of numba's."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "cache"))
     monkeypatch.setenv(OFF, "1")

@@ -19,7 +19,7 @@ def quick(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_sheet_shows_traced_beside_reduced(cli, tmp_path, quick):
+def test_the_sheet_shows_traced_and_reduced_side_by_side(cli, tmp_path, quick):
     out = tmp_path / "sheet.png"
     outcome = cli("lens", "biconvex", "--focus", 2, "--f-number", 11, "--psf-sheet", out)
     assert outcome.code == 0, outcome.err
@@ -42,7 +42,7 @@ def test_the_sheet_shows_traced_beside_reduced(cli, tmp_path, quick):
 
 
 @pytest.mark.parametrize("name", ["nowhere/out.png", "sheet.psd"])
-def test_a_file_that_cannot_be_written_is_told_first(cli, tmp_path, name):
+def test_a_file_that_cannot_be_written_is_reported_first(cli, tmp_path, name):
     outcome = cli("lens", "biconvex", "--psf-sheet", tmp_path / name)
     assert outcome.code == 1
     assert outcome.err.startswith("bokehnet: error: ")

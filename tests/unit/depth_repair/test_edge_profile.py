@@ -122,7 +122,7 @@ def test_agreement_is_the_height_of_the_gradient_above_its_higher_side():
 
 
 @pytest.mark.slow
-def test_the_repair_leaves_maps_whose_edges_are_right_but_look_alike():
+def test_the_repair_leaves_right_edges_between_equal_textures():
     """Authority: the exact map. Near square and background have one texture, so the network errs."""
     disparity = np.zeros((200, 260), np.float32)
     disparity[50:150, 80:180] = 1

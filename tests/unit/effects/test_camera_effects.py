@@ -122,12 +122,12 @@ def test_gradients_through_everything():
         ({"lateral": 1.0}, "lateral: expected -0.1 to 0.1"),
     ],
 )
-def test_a_number_out_of_range_is_told(numbers, message):
+def test_a_number_out_of_range_is_reported(numbers, message):
     with pytest.raises(ParameterError, match=message):
         CameraEffects(**numbers)
 
 
-def test_what_is_no_picture_is_told():
+def test_a_file_that_is_not_a_picture_is_reported():
     with pytest.raises(ShapeError, match=r"expected shape \(..., H, W, 3\)"):
         EVERYTHING.apply(IMAGE[..., 0])
     with pytest.raises(ShapeError, match="no empty side"):

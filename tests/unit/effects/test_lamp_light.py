@@ -62,7 +62,7 @@ def test_rings_stay_behind_what_is_nearer_and_no_light_is_lost():
     np.testing.assert_allclose(found.sum((0, 1)), bokeh.sum((0, 1)), rtol=1e-12)
 
 
-def test_six_blades_make_six_spikes_and_round_ones_none():
+def test_six_blades_make_six_spikes_and_round_apertures_no_spikes():
     lamps, _ = lamp(0.0)
     image = lamps.drawn(0, 0, SIZE, SIZE)
     angle = np.radians(np.arange(0, 360, 2))

@@ -201,7 +201,7 @@ def test_gradients_of_light_and_coefficients():
     assert torch.autograd.gradcheck(brown, (image, *tensors(-0.11, 0.032, 0.013)))
 
 
-def test_a_picture_that_folds_is_told():
+def test_a_picture_that_folds_is_reported():
     warp = Warp(distortion=BrownConrady(radial=(-0.4, 0.0, 0.0)))
     with pytest.raises(ParameterError, match=r"distortion: .* folds over itself .* got one at 0\.609; take"):
         warp.apply(np.ones((40, 60, 3)))
@@ -212,6 +212,6 @@ def test_a_picture_that_folds_is_told():
 
 
 @pytest.mark.parametrize("lateral", [0.11, -0.2, math.nan])
-def test_a_lateral_magnification_out_of_range_is_told(lateral):
+def test_a_lateral_magnification_out_of_range_is_reported(lateral):
     with pytest.raises(ParameterError, match="lateral: expected"):
         dataclasses.replace(Warp(), lateral=lateral)

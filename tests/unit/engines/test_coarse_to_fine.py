@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays_renderer import render_rays
-from bokehnet.coarse_to_fine import apply_change, render_neural, suppress_foreground_outlines
 from bokehnet.engines.coarse_to_fine import CoarseInput
 from bokehnet.engines.engine import Engine
+from bokehnet.inference.coarse_to_fine import apply_change, render_neural, suppress_foreground_outlines
 from bokehnet.inference.session import Networks
 from bokehnet.optics.encoding import encode
 

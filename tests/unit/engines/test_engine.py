@@ -7,11 +7,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.coarse_to_fine import Level, refine_whole, render_neural
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.engines import tiling
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.inference.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
@@ -19,6 +19,11 @@ from bokehnet.models.onnx_export import export_networks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import Highlights, gamma_curve
 from bokehnet.render.renderer import BokehRenderer
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,7 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     folder, (arnet, iunet) = pair
     image, defocus = picture(height, width, radius)
     result = BokehRenderer("hybrid", weights=folder).render_arrays(image, defocus)
-    classical = scatter(image, defocus)
+    classical = scatter_of(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
     error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
     networks = {"arnet": arnet.eval(), "iunet": iunet.eval()}
@@ -82,7 +87,7 @@ def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
     defocus = np.full((400, 600), -1.0, np.float32)
     defocus[150:200, 250:290] = 38.0
     image = rng.random((400, 600, 3), dtype=np.float32)
-    batches = [x.transpose(2, 0, 1)[None] for x in (image, defocus[..., None], scatter(image, defocus))]
+    batches = [x.transpose(2, 0, 1)[None] for x in (image, defocus[..., None], scatter_of(image, defocus))]
     loaded = load_networks(folder)
     ran = []
 
@@ -130,7 +135,7 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
 def test_the_scatter_engine_is_the_scatter():
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer("scatter").render_arrays(image, defocus)
-    assert_array_equal(result.bokeh, scatter(image, defocus))
+    assert_array_equal(result.bokeh, scatter_of(image, defocus))
     assert result.neural is None
 
 
@@ -148,7 +153,7 @@ PENTAGON = Aperture(blades=5, rotation=20)
 
 
 @pytest.mark.parametrize(
-    ("engine", "wanted"), [("scatter", scatter), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
+    ("engine", "wanted"), [("scatter", scatter_of), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
 )
 def test_the_aperture_reaches_the_engine(engine, wanted):
     image, defocus = picture(40, 50, 8)
@@ -208,7 +213,7 @@ def test_the_hybrid_takes_highlights(pair):
 def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair):
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer("hybrid", aperture=PENTAGON, weights=pair[0]).render_arrays(image, defocus)
-    assert_array_equal(result.classical, scatter(image, defocus, PENTAGON))
+    assert_array_equal(result.classical, scatter_of(image, defocus, PENTAGON))
     assert (
         np.abs(
             result.bokeh - BokehRenderer("hybrid", weights=pair[0]).render_arrays(image, defocus).bokeh

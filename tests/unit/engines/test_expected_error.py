@@ -20,7 +20,7 @@ from bokehnet.settings.settings import ColorSettings, LensSettings, OutputSettin
 from tests.unit.engines.test_coarse_to_fine import picture
 
 
-def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
+def test_an_exr_holds_it_as_a_channel_where_that_is_requested(tmp_path):
     image, defocus = picture(31, 43, 5)
     told = BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(expected_error=True))
     told.save(tmp_path / "plain.exr")
@@ -34,7 +34,7 @@ def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize("engine", ["rays", "hybrid"])
-def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
+def test_it_is_computed_for_every_pixel_and_only_on_request(engine):
     image, defocus = picture(61, 83, 9)
     renderer = BokehRenderer(engine)
     plain, told = (
@@ -48,7 +48,7 @@ def test_it_is_told_for_every_pixel_and_only_when_asked_for(engine):
     assert 0.04 < told.expected_error.min() <= told.expected_error.max() <= 128
 
 
-def test_a_hybrid_tells_that_of_its_rays():
+def test_a_hybrid_reports_the_values_of_its_rays():
     image, defocus = picture(61, 83, 9)
     rays, hybrid = (
         Engine(name).render(image, defocus, options=RenderOptions(expected_error=True))
@@ -57,7 +57,7 @@ def test_a_hybrid_tells_that_of_its_rays():
     assert_array_equal(rays.expected_error, hybrid.expected_error)
 
 
-def test_strips_tell_what_the_whole_tells():
+def test_strips_report_the_values_of_the_whole():
     """Oracle: the whole picture at once."""
     image, defocus = picture(700, 96, 6)
     engine = Engine("rays")
@@ -101,7 +101,7 @@ def test_a_small_copy_is_enlarged_as_the_whole_at_once():
         ),
     ],
 )
-def test_where_nothing_was_learned_nothing_is_told(engine, options, words):
+def test_without_learned_statistics_nothing_is_reported(engine, options, words):
     image, defocus = picture(16, 16, 3)
     with pytest.raises(ParameterError, match=words):
         Engine(engine).render(image, defocus, options=RenderOptions(expected_error=True, **options))

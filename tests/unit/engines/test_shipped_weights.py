@@ -98,7 +98,7 @@ def test_the_repair_improves_degraded_maps_and_does_not_change_accurate_ones(sha
 def test_engines_on_an_independent_renderer(shared):
     """Authority: held-out path-traced shots; means over all shots of a scene."""
     from benchmarks.quality.cycles import read_shots, whole_engine
-    from benchmarks.quality.score_table import score
+    from benchmarks.quality.tables.score_table import score
 
     folder = shared("cycles/s1_still_life/scene.json").parent
     names = ("scatter", "fast", "neural", "rays", "hybrid")

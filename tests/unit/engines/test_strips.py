@@ -88,6 +88,24 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     assert (parts.classical is None) == (engine == "hybrid")
 
 
+@pytest.mark.parametrize("radius", [20.0, 34.0, 66.0])
+def test_strips_choose_the_sizes_of_the_whole_picture(radius):
+    """Rays march at one, two and three smaller sizes where everything is blurred; decibels.
+
+    Tiles of the smaller sizes at the joint of two strips may draw other numbers of rays: noise of few pixels.
+    """
+    image, defocus = tall_picture(1100, 72)
+    posts = np.arange(1100)[:, None] // 96 % 3 == 0
+    defocus = np.where(posts, radius, np.where(defocus > 10, 0.0, -radius)).astype(np.float32)
+    defocus[300:900] = np.where(posts, radius, -radius)[300:900]
+    renderer = BokehRenderer("rays")
+    memory = 800 * image.shape[1] * CLASSICAL["rays"].bytes_per_pixel
+    whole = renderer.render_arrays(image, defocus)
+    parts = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 75
+    assert np.abs(whole.bokeh - parts.bokeh).max() < 0.5 / 255
+
+
 def test_a_picture_that_fits_is_rendered_whole():
     image, defocus = tall_picture(128, 60)
     whole = BokehRenderer("rays").render_arrays(image, defocus)
@@ -111,7 +129,7 @@ def test_progress_counts_the_strips():
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
-def test_too_little_memory_tells_how_much_it_takes():
+def test_too_little_memory_names_the_minimum():
     image, defocus = tall_picture()
     with pytest.raises(
         ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"

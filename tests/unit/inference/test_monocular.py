@@ -188,14 +188,14 @@ def test_a_picture_with_nan_is_refused(network):
     ],
     ids=lambda value: None if isinstance(value, str) else "-".join(value),
 )
-def test_an_unsuitable_network_is_told_by_its_name(network, options, words):
+def test_an_unsuitable_network_is_reported_by_its_name(network, options, words):
     with pytest.raises(ModelFileError, match=words) as caught:
         DepthEstimator(network(**options), PLAIN, threads=1)(ramp())
     assert "tiny.onnx" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_output_that_is_not_finite_is_told(network):
+def test_non_finite_output_is_reported(network):
     nodes = [
         onnx.helper.make_node("Slice", ["image", "start", "stop", "axes"], ["part"]),
         onnx.helper.make_node("Log", ["part"], ["depth"]),
@@ -205,20 +205,20 @@ def test_output_that_is_not_finite_is_told(network):
         DepthEstimator(network(nodes=nodes), PLAIN, threads=1)(black)
 
 
-def test_depth_that_is_not_above_0_is_told(network):
+def test_depth_not_above_zero_is_reported(network):
     convention = DepthConvention(size=16, mean=(0.5, 0.5, 0.5), output="depth", unit="m")
     with pytest.raises(ModelFileError, match="depth above 0"):
         DepthEstimator(network(), convention, threads=1)(ramp())
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", bytes(1000), b"\x08\x09" + b"\xff" * 50])
-def test_what_is_no_onnx_is_told(tmp_path, content):
+def test_a_file_that_is_not_onnx_is_reported(tmp_path, content):
     (tmp_path / "a.onnx").write_bytes(content)
     with pytest.raises(ModelFileError, match=r"a\.onnx: "):
         DepthEstimator(tmp_path / "a.onnx", PLAIN, threads=1)
 
 
-def test_any_cut_of_a_network_is_told_or_works(network):
+def test_any_truncated_network_is_reported_or_works(network):
     path = network()
     whole = path.read_bytes()
     for length in range(0, len(whole), 17):
@@ -228,7 +228,7 @@ def test_any_cut_of_a_network_is_told_or_works(network):
 
 
 @pytest.mark.parametrize("name", ["missing.onnx", "."])
-def test_a_missing_network_is_told(tmp_path, name):
+def test_a_missing_network_is_reported(tmp_path, name):
     with pytest.raises(ModelFileError, match="expected an ONNX file"):
         DepthEstimator(tmp_path / name, PLAIN, threads=1)
 
@@ -253,7 +253,7 @@ def weights_elsewhere(path, location):
     path.write_bytes(model.SerializeToString())
 
 
-def test_weights_in_a_file_beside_the_network_are_read(tmp_path):
+def test_weights_in_a_file_next_to_the_network_are_read(tmp_path):
     (tmp_path / "weights.bin").write_bytes(np.float32(1).tobytes())
     weights_elsewhere(tmp_path / "a.onnx", "weights.bin")
     DepthEstimator(tmp_path / "a.onnx", PLAIN, threads=1)(ramp())
@@ -285,7 +285,7 @@ def test_files_outside_the_folder_of_the_network_are_not_read(tmp_path, kind):
         ("size = [", "TOML"),
     ],
 )
-def test_a_wrong_convention_is_told_by_key(tmp_path, text, words):
+def test_a_wrong_convention_is_reported_by_key(tmp_path, text, words):
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ConfigError, match=words) as caught:
         find_convention(tmp_path / "mine.toml")
@@ -297,7 +297,7 @@ def test_an_unknown_convention_lists_the_known_ones():
         find_convention("midass")
 
 
-def test_the_ramp_is_what_it_says():
+def test_the_ramp_has_its_stated_values():
     assert_allclose(linear_to_srgb(ramp())[0, :, 0], (np.arange(32) + 0.5) / 32, atol=1e-6)
 
 
@@ -379,7 +379,7 @@ def test_a_convention_that_names_another_output_is_refused(network, points_netwo
         ('output = "disparity"\nmask = "m"\n', "mask: expected depth as output"),
     ],
 )
-def test_fields_of_points_that_do_not_fit_are_told(tmp_path, lines, words):
+def test_fields_of_points_that_do_not_fit_are_reported(tmp_path, lines, words):
     (tmp_path / "mine.toml").write_text(f"size = 16\n{lines}")
     with pytest.raises(ConfigError, match=words):
         find_convention(tmp_path / "mine.toml")

@@ -78,7 +78,7 @@ def test_every_plug_in_starts_python_without_the_current_folder():
         assert text.count("PYTHONSAFEPATH") == runs, path
 
 
-def test_the_program_tells_its_own_processes(monkeypatch):
+def test_the_program_protects_its_processes_from_the_current_folder(monkeypatch):
     monkeypatch.setenv("PYTHONSAFEPATH", "")  # recorded, so that the variable does not stay after the test
     monkeypatch.delenv("PYTHONSAFEPATH")
     from bokehnet.cli import app

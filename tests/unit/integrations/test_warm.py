@@ -101,7 +101,7 @@ def test_one_over_z_is_the_same_scene(warm, picture, tmp_path):
     assert np.abs(result_in(tmp_path / "shared", told) - result_in(tmp_path / "plain", plain)).max() < 1e-4
 
 
-def test_a_part_of_the_picture_lies_where_it_says(picture, tmp_path):
+def test_a_crop_has_its_stated_position(picture, tmp_path):
     image, depth = picture
     told = prepare_tables(tmp_path / "shared", image, depth)
     with SharedPixels.opened({**told, "kind": "defocus", "x": 7, "y": -3, "display_width": 99}) as pixels:
@@ -110,7 +110,7 @@ def test_a_part_of_the_picture_lies_where_it_says(picture, tmp_path):
     assert np.array_equal(scene.depth.values, make_scene(image, DefocusMap(map=depth)).depth.values)
 
 
-def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_asked(warm, picture, tmp_path):
+def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_requested(warm, picture, tmp_path):
     image, depth = picture
     write_channels(
         tmp_path / "in.exr", {**dict(zip("RGB", image.transpose(2, 0, 1), strict=True)), "id": depth}
@@ -137,7 +137,7 @@ def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_asked(warm, pi
         ({"sky": 5}, "sky"),
     ],
 )
-def test_what_is_wrong_is_told_by_field_and_the_next_request_is_answered(
+def test_mistakes_are_reported_by_field_and_the_next_request_is_answered(
     warm, picture, tmp_path, change, parameter
 ):
     told = prepare_tables(tmp_path / "shared", *picture)
@@ -155,7 +155,7 @@ def test_what_is_wrong_is_told_by_field_and_the_next_request_is_answered(
     assert "result" in warm.ask(id=6, pixels=told, settings=LENS)
 
 
-def test_a_line_that_is_no_request_is_told(warm):
+def test_an_invalid_request_line_is_reported(warm):
     warm.say("nonsense")
     assert "expected a JSON object" in warm.answer()["error"]["message"]
 

@@ -13,7 +13,7 @@ from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
 from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
-from tests.unit.io.exr_files import read_channels, read_spec, write_exr
+from tests.unit.io.exr.exr_files import read_channels, read_spec, write_exr
 
 RNG = np.random.default_rng(0)
 SIZE = (70, 90)
@@ -137,7 +137,7 @@ def test_other_parts_are_copied_byte_by_byte(tmp_path):
         assert_array_equal(read_channels(tmp_path / "out.exr", 1)[name][1], read_channels(source, 1)[name][1])
 
 
-def test_a_chunk_that_lies_beyond_every_file_is_told(tmp_path):
+def test_a_chunk_beyond_every_file_is_reported(tmp_path):
     source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"P.X": ("float", values())}})
     headers, data = read_headers(source), bytearray(source.read_bytes())
     first = struct.unpack("<i", headers.parts[0]["chunkCount"].data)[0]
@@ -157,7 +157,7 @@ def test_a_chunk_that_lies_beyond_every_file_is_told(tmp_path):
         (b"N.X", b"N\xffX", "expected names of channels in UTF-8"),
     ],
 )
-def test_a_damaged_header_is_told_before_the_file_is_written(old, new, message, tmp_path):
+def test_a_damaged_header_is_reported_before_the_file_is_written(old, new, message, tmp_path):
     source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"N.X": ("float", values())}})
     data = source.read_bytes()
     at = data.index(old) if old == b"N.X" else data.rindex(old)
@@ -168,7 +168,7 @@ def test_a_damaged_header_is_told_before_the_file_is_written(old, new, message, 
     assert not (tmp_path / "out.exr").exists()
 
 
-def test_a_part_of_less_than_no_chunks_is_told(tmp_path):
+def test_a_negative_number_of_chunks_is_reported(tmp_path):
     source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"N.X": ("float", values())}})
     data = source.read_bytes()
     at = data.rindex(b"chunkCount\0int\0") + len(b"chunkCount\0int\0") + 4
@@ -273,7 +273,7 @@ def test_a_grey_picture_and_a_layer_are_written_back(tmp_path):
 
 @pytest.mark.parametrize("compression", ["none", "zip", "piz", "dwaa:45"])
 @pytest.mark.parametrize("layout", [{}, {"tile_width": 32, "tile_height": 16}], ids=["whole", "tiles"])
-def test_channels_are_added_beside_the_picture(tmp_path, compression, layout):
+def test_channels_are_added_to_the_picture(tmp_path, compression, layout):
     """In the middle of the names, where decoders seek them; written again they take their own place."""
     part = beauty(attributes={"compression": compression}, **layout)
     source = write_exr(tmp_path / "in.exr", part)
@@ -294,7 +294,7 @@ def test_channels_are_added_beside_the_picture(tmp_path, compression, layout):
         assert_array_equal(read_channels(tmp_path / "out.exr")["doubt"][1], 2 * doubt)
 
 
-def test_channels_beside_a_layer_stand_in_it_and_other_parts_stay(tmp_path):
+def test_channels_are_added_to_their_layer_and_other_parts_stay(tmp_path):
     layer = {f"beauty.{c}": ("half", values()) for c in "RGB"}
     parts = [{"channels": {"Z": ("float", values(9))}}, {"channels": layer}]
     frame = read_frame(write_exr(tmp_path / "in.exr", *parts))
@@ -381,7 +381,7 @@ def test_wrong_arguments_are_refused_before_anything_is_written(tmp_path):
     assert os.listdir(tmp_path) == ["in.exr"]
 
 
-def test_only_exr_has_channels_beside_the_picture(tmp_path, store):
+def test_only_exr_has_additional_channels(tmp_path, store):
     frame = read_frame(store("in.png", np.full((*SIZE, 3), 99, np.uint8)))
     with pytest.raises(ParameterError, match=r"extra_channels: expected nothing, as only EXR .* an \.exr"):
         write_frame(tmp_path / "out.tif", frame, frame.image, extra_channels={"doubt": values()})

@@ -204,7 +204,7 @@ def test_write_map_stores_values_without_a_curve(tmp_path):
     source.close()
 
 
-def test_check_writable_tells_the_reason_and_touches_nothing(tmp_path):
+def test_check_writable_reports_the_reason_and_touches_nothing(tmp_path):
     for path, reason in (
         (tmp_path / "a.xyz", r"'\.xyz'.*\.png.*\.exr"),
         (tmp_path / "a", "unknown extension ''"),

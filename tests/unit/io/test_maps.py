@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.frame import read_frame
 from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, read_stored_map, resize_map
-from tests.unit.io.exr_files import write_exr
+from tests.unit.io.exr.exr_files import write_exr
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
@@ -61,7 +61,7 @@ def test_the_default_channel_follows_the_order_of_names(store, channels, best):
 
 
 @pytest.mark.parametrize("channels", [["Left.Z", "Right.Z"], ["N.X", "N.Y", "N.Z"], ["P", "Q"]])
-def test_an_unclear_channel_is_asked_for_by_name(store, channels):
+def test_an_unclear_channel_is_requested_by_name(store, channels):
     stored = np.broadcast_to(np.arange(len(channels), dtype=np.float32), (2, 2, len(channels)))
     path = store("a.exr", stored, channels)
     with pytest.raises(ImageFileError, match=", ".join(channels)):
@@ -158,7 +158,7 @@ def test_normalised_depth_is_turned_round(store):
     ).all()
 
 
-def test_infinity_in_normalised_depth_tells_of_the_other_way_to_read_it(store):
+def test_infinity_in_normalised_depth_names_the_other_convention(store):
     path = store("a.exr", np.array([[0.2, np.inf]], np.float32), ["Z"])
     with pytest.raises(ImageFileError, match="is read as depth"):
         read_disparity(path, invert=True)
@@ -226,7 +226,7 @@ def test_resizing_makes_up_no_depth_between_near_and_far():
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 11), (40, 2)])
-def test_resizing_stays_within_the_range_and_has_the_asked_size(height, width):
+def test_resizing_stays_within_the_range_and_has_the_requested_size(height, width):
     values = np.random.default_rng(0).random((7, 5), dtype=np.float32)
     result = resize_map(values, height, width)
     assert result.shape == (height, width)

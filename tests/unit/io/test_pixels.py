@@ -24,7 +24,7 @@ def side(picture, name):
 
 
 @pytest.mark.parametrize("orientation", EXIF)
-def test_orientation_puts_row_and_column_zero_where_exif_says(orientation):
+def test_orientation_places_row_and_column_zero_by_exif(orientation):
     stored = np.arange(6, dtype=np.float32).reshape(2, 3, 1)
     upright = apply_orientation(stored, orientation)
     row, column = EXIF[orientation]

@@ -36,7 +36,7 @@ def test_what_is_shown_is_cut_from_overscan_and_filled_with_black():
     assert_array_equal(frame.crop_to_display(VALUES), expected)
 
 
-def test_a_window_beside_the_display_shows_nothing():
+def test_a_data_window_outside_the_display_window_shows_nothing():
     assert not window(20, 0, 4, 3).crop_to_display(np.ones((3, 4))).any()
     assert not window(-9, -9, 4, 3).crop_to_display(np.ones((3, 4))).any()
 

@@ -79,7 +79,7 @@ def test_rays_fall_where_a_sequential_trace_with_reflections_has_them(name):
     assert seen > 50
 
 
-def test_a_plate_sends_back_and_forth_what_fresnel_says():
+def test_a_plate_reflects_by_the_fresnel_equations():
     """A bare plate of index 1.5 in front of the lens: its ghost is in the lamp's own place, 0.04^2 of it."""
     lens = load_lens("biconvex", f_number=16.0)
     plate = (

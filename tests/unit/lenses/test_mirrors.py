@@ -95,7 +95,7 @@ def test_the_middle_of_a_mirror_lens_is_dark_where_its_rays_are() -> None:
     assert (weight[(np.abs(places) > 0.42) & (np.abs(places) < 0.95)] > 0).all()
 
 
-def test_mirrors_are_told_as_rows() -> None:
+def test_mirrors_are_printed_as_rows() -> None:
     glass = SurfaceRow(radius=-200.0, thickness=10.0, semi_diameter=20.0, abbe=(1.5, 60.0))
     wrong = SurfaceRow(radius=-300.0, thickness=10.0, semi_diameter=20.0, mirror=True)
     assert "named again" in str(wrong.problem(glass.medium()))

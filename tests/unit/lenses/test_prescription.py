@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from bokehnet.errors import LensError
 from bokehnet.lenses import Rays, load_lens
 from bokehnet.optics.sampling import disc_from_square, halton
-from tests.unit.optics.form_factor import disc_form_factor
+from bokehnet.optics.vignette import disc_form_factor
 
 UV = disc_from_square(np.stack([halton(256, 2), halton(256, 3)], -1))
 

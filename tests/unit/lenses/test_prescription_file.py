@@ -37,7 +37,7 @@ def test_a_file_becomes_a_lens_with_the_focal_length_of_the_lens_makers_formula(
         "schott = [2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7]",
     ],
 )
-def test_a_glass_may_be_told_in_every_way(file, glass):
+def test_a_glass_has_several_notations(file, glass):
     """The same glass, BK7, by name and by numbers."""
     told = load_lens(file(HEAD + STOP + FRONT.replace('glass = "N-BK7"', glass) + BACK)).focal_length
     assert told == pytest.approx(load_lens(file(HEAD + STOP + FRONT + BACK)).focal_length, rel=1e-5)
@@ -60,7 +60,7 @@ def test_a_glass_may_be_told_in_every_way(file, glass):
         (HEAD + STOP + FRONT.replace("3.0", "-3.0") + BACK, "surfaces[1].thickness"),
     ],
 )
-def test_mistakes_are_told_with_file_and_key(file, text, words):
+def test_mistakes_are_reported_with_file_and_key(file, text, words):
     path = file(text)
     with pytest.raises(ConfigError) as caught:
         read_prescription(path)

@@ -212,6 +212,6 @@ def test_without_distortion_the_middle_ray_of_the_design_wavelength_hits_at_ever
         ({"wavelengths": [600.0, 500.0]}, "expected rising wavelengths"),
     ],
 )
-def test_what_is_no_picture_or_no_light_is_told(options, words):
+def test_invalid_pictures_and_lights_are_reported(options, words):
     with pytest.raises(ParameterError, match=words):
         seidel_aberration_map(make_lens("biconvex"), **options)

@@ -138,7 +138,7 @@ def test_checkpoints_of_earlier_versions_still_load(tmp_path):
     assert loaded.config == config
 
 
-def test_files_tell_nothing_of_the_machine_that_exported(exported):
+def test_files_contain_nothing_of_the_exporting_machine(exported):
     folder, _, _ = exported
     for file in folder.iterdir():
         assert str(Path(__file__).parents[3]).encode() not in file.read_bytes()

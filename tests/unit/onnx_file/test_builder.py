@@ -91,7 +91,7 @@ def test_a_branch_works_out_one_side_only():
         call([-1, -1])
 
 
-def test_another_file_is_written_in_and_twice_if_wanted():
+def test_another_file_can_be_the_input_of_the_metadata_or_of_both():
     """Its inputs are bound by name, one that it lacks is left out."""
     node = [helper.make_node("Mul", ["a", "two"], ["b"]), helper.make_node("Add", ["b", "two"], ["c"])]
     infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n"]) for name in "ac"]

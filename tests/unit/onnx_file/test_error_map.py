@@ -24,7 +24,7 @@ def test_discs_are_marked_around_the_same_boundaries(call, height, width, radius
     np.testing.assert_array_equal(call(defocus), package_map(defocus))
 
 
-def test_noise_is_all_boundary_and_a_plane_has_none(call):
+def test_noise_is_all_boundary_and_a_plane_has_no_boundary(call):
     noise = np.random.default_rng(0).uniform(-9, 9, (60, 50)).astype(np.float32)
     np.testing.assert_array_equal(call(noise), package_map(noise))
     assert call(np.full((40, 30), 7)).max() == 0

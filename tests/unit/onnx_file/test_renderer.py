@@ -49,7 +49,7 @@ def bodies(graph):
                 yield from bodies(attribute.g)
 
 
-def test_the_file_holds_standard_operators_only_and_says_what_it_takes(model):
+def test_the_file_holds_standard_operators_only_and_describes_its_inputs(model):
     assert [item.domain for item in model.opset_import] == [""]
     nodes = [node for graph in bodies(model.graph) for node in graph.node]
     assert {node.domain for node in nodes} == {""}

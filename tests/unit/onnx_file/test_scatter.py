@@ -5,8 +5,9 @@ import pytest
 
 pytest.importorskip("onnx", reason="needs onnx, of the extra train")
 
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.classical.scatter_renderer import scatter as package_scatter
-from bokehnet.onnx_file.scatter import scatter
+from bokehnet.onnx_file.scatter import scatter, scatter_beyond
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps
 
 
@@ -26,7 +27,7 @@ def test_levels_are_those_of_the_package(call, height, width, radius):
     np.testing.assert_allclose(call(image, defocus), package_scatter(image, defocus), rtol=0, atol=2e-6)
 
 
-def test_lights_and_what_lies_in_shadow_stay_on_their_level(call):
+def test_lights_and_shadows_stay_on_their_level(call):
     """A pixel that outshines its tile keeps the rim of its disc; a tile at the border is a part of one."""
     image, defocus = 0.1 * picture(70, 93), np.full((70, 93), 25.0, np.float32)
     image[35, 40], image[69, 92] = 300, 80
@@ -56,3 +57,21 @@ def test_a_lamp_with_a_disc_beyond_the_table_only_loses_the_sharpness_of_its_rim
     assert error[distance > 4].max() < 0.01
     assert error[distance < 1].mean() < within
     assert found.sum() == pytest.approx(wanted.sum(), rel=0.005)
+
+
+@pytest.fixture(scope="module")
+def call_beyond():
+    """``call(image (H, W, 3), defocus)`` to bokeh (H, W, 3) of the engine."""
+    run = compiled(scatter_beyond, 3, 2)
+    return lambda image, defocus: run(image.transpose(2, 0, 1), defocus).transpose(1, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "radius"), [(1, 1, 5), (3, 50, 30), (50, 70, 9), (61, 40, 0), (64, 90, 1e30)]
+)
+def test_pictures_with_lines_and_lamps_continue_as_in_the_package(call_beyond, height, width, radius):
+    """Authority: the engine of the package."""
+    image, defocus = 0.2 * picture(height, width), np.full((height, width), radius, np.float32)
+    image[0], image[-1, -1], image[height // 2, 0] = 1, 40, 30
+    expected = render_scatter(image, np.clip(defocus, None, 4.0 * max(height, width))).bokeh
+    np.testing.assert_allclose(call_beyond(image, defocus), expected, rtol=1e-3, atol=1e-4)

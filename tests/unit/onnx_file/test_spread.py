@@ -62,7 +62,7 @@ def test_every_size_gives_what_the_kernels_give(spread, height, width, radius):
     np.testing.assert_allclose(spread(values, defocus), scatter_forward(values, defocus), rtol=0, atol=1e-6)
 
 
-def test_beside_a_very_bright_disc_nothing_is_left_of_it(spread):
+def test_nothing_of_a_light_is_left_next_to_its_disc(spread):
     """Authority: sums in float64, whose rounding is 1e-16 of the light."""
     values, defocus = np.zeros((9, 200, 4), np.float32), np.full((9, 200), 3.0, np.float32)
     values[4, 20] = 1e7

@@ -160,7 +160,7 @@ def test_a_click_focuses_there(folder, address, page):
 
 
 @pytest.mark.slow
-def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
+def test_a_broken_photo_is_reported_and_the_next_one_works(folder, address, page):
     (folder / "broken.png").write_bytes(b"nothing")
     page.goto(f"{address}/?photo=broken.png&disparity=disparity.png")
     page.wait_for_function(
@@ -178,7 +178,7 @@ def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
 
 
 @pytest.mark.slow
-def test_a_number_out_of_its_bounds_is_told_beside_its_control(folder, address, page):
+def test_a_number_out_of_its_bounds_is_reported_next_to_its_control(folder, address, page):
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     rendered(page)
     page.click("summary")
@@ -227,7 +227,7 @@ def test_the_sample_is_one_click(folder, address, page):
 
 
 @pytest.mark.slow
-def test_too_little_memory_is_told_and_the_tiles_are_smaller(folder, address, page):
+def test_too_little_memory_is_reported_and_the_tiles_are_smaller(folder, address, page):
     """The error is what a browser throws that cannot give the memory of a tile above 256 pixels."""
     worker, call = folder / "worker.js", "const picture = await renderBokeh("
     text = worker.read_text()
@@ -243,7 +243,7 @@ def test_too_little_memory_is_told_and_the_tiles_are_smaller(folder, address, pa
 
 
 @pytest.mark.slow
-def test_a_browser_without_webassembly_is_told(folder, address, page):
+def test_a_browser_without_webassembly_is_reported(folder, address, page):
     """Chromium takes it from pages alone; here the worker that needs it takes it from itself."""
     worker = folder / "worker.js"
     worker.write_text(worker.read_text() + "delete globalThis.WebAssembly;\n")
@@ -254,7 +254,7 @@ def test_a_browser_without_webassembly_is_told(folder, address, page):
 
 
 @pytest.mark.slow
-def test_a_browser_without_threads_and_webgl_is_told_and_renders(folder):
+def test_a_browser_without_threads_and_webgl_is_reported_and_renders(folder):
     """Nothing adds the headers that threads need: neither the host nor, where they are blocked, a worker."""
     server = served(folder, http.server.SimpleHTTPRequestHandler)
     query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}"
@@ -312,7 +312,7 @@ def test_a_host_without_headers_gets_threads(folder, page):
 
 
 @pytest.mark.slow
-def test_where_webgpu_is_asked_for_the_picture_is_the_packages(folder, address):
+def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address):
     """On the card that Chromium imitates by software, which is not taken if it draws another picture."""
     query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}&provider=webgpu"
     with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
@@ -325,7 +325,7 @@ def test_where_webgpu_is_asked_for_the_picture_is_the_packages(folder, address):
 
 
 @pytest.mark.slow
-def test_a_card_that_software_imitates_is_left_alone_and_told(folder, address):
+def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address):
     with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
         page.goto(address)
         page.wait_for_function("document.body.dataset.provider", timeout=60_000)

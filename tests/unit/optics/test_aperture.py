@@ -95,7 +95,7 @@ def test_onion_rings_move_light_but_keep_it(rings):
     assert_allclose(behind + front, 2 * transmission(Aperture(), U, V), atol=1e-12)
 
 
-def test_onion_has_as_many_rings_as_are_asked_for():
+def test_onion_has_as_many_rings_as_are_requested():
     """Between the middle and the rim a cosine of n periods has its minima at (k - 1/2) / n."""
     rho = np.linspace(0, 1, 2001)
     light = transmission(Aperture(onion=1.0, onion_rings=5), rho, 0 * rho, -1)
@@ -183,7 +183,7 @@ def test_openings_are_equal_by_value():
     assert Aperture(cats_eye=0.5) != Aperture()
 
 
-def test_picture_is_a_copy_that_nobody_writes():
+def test_picture_is_a_read_only_copy():
     picture = np.ones((3, 3))
     aperture = Aperture(picture=picture)
     picture[:] = 0

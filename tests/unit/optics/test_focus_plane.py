@@ -35,7 +35,7 @@ def test_defocus_is_the_distance_from_the_plane_at_every_pixel():
             assert found[row, column] == pytest.approx(20 * (disparity[row, column] - focus))
 
 
-def test_a_plane_that_does_not_lean_is_a_single_disparity_bit_for_bit():
+def test_a_plane_without_tilt_is_a_single_disparity_bit_for_bit():
     disparity = np.random.default_rng(0).random((7, 9), dtype=np.float32)
     found = plane_defocus(disparity, 20.0, FocusPlane(level=0.3))
     assert found.dtype == np.float32
@@ -140,7 +140,7 @@ def test_light_of_a_tilted_lens_arrives_where_its_rays_do(tilt):
     assert apart > 0.02  # so that an upright aperture would have failed
 
 
-def test_a_plane_that_does_not_lean_bends_no_ray():
+def test_a_plane_without_tilt_bends_no_ray():
     assert plane_aberration_map(FocusPlane(level=0.3), 50.0).is_perfect
     assert not plane_aberration_map(PLANE, 50.0).is_perfect
 
@@ -212,6 +212,6 @@ def test_steep_tilts_are_refused(tilt, name):
         tilted_lens(tilt, (0, 0), 0.001, **LENS)
 
 
-def test_a_map_that_is_none_is_refused():
+def test_an_invalid_map_is_refused():
     with pytest.raises(ShapeError, match="disparity"):
         plane_defocus(np.zeros(5), 1.0, PLANE)

@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.lenses import ThinLens, defocus_map
-from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.optics.focus_range import defocus_outside_range
+from bokehnet.optics.coc import defocus_from_disparity, defocus_outside_range
 
 BLUR = 60.0
 UNIT = st.floats(0, 1)

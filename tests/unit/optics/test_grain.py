@@ -49,7 +49,7 @@ def test_pixels_correlate_as_stated(size):
         assert (first * second).mean() == pytest.approx(wanted, abs=0.01 * size)
 
 
-def test_small_grain_correlates_less_as_the_docstring_says():
+def test_small_grain_correlates_less_by_the_documented_factor():
     """Arithmetic for size 1: sum of exp(-2 k^2 - 2 (k + 1)^2) over sum of exp(-4 k^2) = 0.261."""
     noise = Grain(iso=100, size=1.0).noise(SIDE, SIDE, 3)
     assert (noise[:, 1:] * noise[:, :-1]).mean() == pytest.approx(0.261, abs=0.006)
@@ -153,6 +153,6 @@ def test_gradients_of_the_picture():
         ({"read_noise": 0}, "read_noise: expected at least 0.1"),
     ],
 )
-def test_a_number_out_of_range_is_told(numbers, message):
+def test_a_number_out_of_range_is_reported(numbers, message):
     with pytest.raises(ParameterError, match=message):
         Grain(**{"iso": 100, **numbers})

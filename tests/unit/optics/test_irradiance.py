@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bokehnet.optics.irradiance import irradiance_cos4
-from tests.unit.optics.form_factor import disc_form_factor
+from bokehnet.optics.vignette import disc_form_factor, irradiance_cos4
 
 
 def integral(field, distance, radius, rings=400, spokes=400):

@@ -52,7 +52,7 @@ def test_a_picture_within_the_documented_range_gets_the_pure_power(gamma, bright
     assert_allclose(curve.encode(values), values**gamma, rtol=1e-12)
 
 
-def test_toe_without_lights_is_where_the_docstring_says():
+def test_toe_without_lights_has_its_documented_position():
     assert gamma_curve(grey([1.0, 1.0]), 2.2).toe == pytest.approx(1e-10, rel=0.5)
     assert gamma_curve(grey([1.0, 1.0]), 5.0).toe == pytest.approx(1e-3, rel=0.2)
 
@@ -76,7 +76,7 @@ def test_beyond_the_range_a_line_goes_on_with_the_slope_at_the_shoulder(gamma, b
 @pytest.mark.parametrize("gamma", [2.2, 3.0, 5.0])
 @pytest.mark.parametrize("light", [1.0, 1e3, 1e4])
 @pytest.mark.parametrize("radius", [2.2, 9.3])
-def test_beside_a_light_black_stays_black_and_dark_stays_dark(gamma, light, radius):
+def test_black_and_dark_pixels_next_to_a_light_stay(gamma, light, radius):
     """Authority: exact arithmetic, in which no light reaches pixels beyond the disc.
 
     The rows with the light are black on one side and dark on the other; what is added may not be seen.
@@ -130,7 +130,7 @@ def test_a_black_picture_and_a_lonely_light_have_a_curve():
 
 
 @pytest.mark.parametrize("gamma", [0.0, -1.0, 0.19, 5.1, np.nan, np.inf])
-def test_gamma_out_of_range_is_told(gamma):
+def test_gamma_out_of_range_is_reported(gamma):
     with pytest.raises(ParameterError, match=r"^gamma: expected"):
         gamma_curve(grey([1.0]), gamma)
 
@@ -200,12 +200,12 @@ def test_highlights_of_tensors_are_those_of_arrays_with_right_gradients():
 
 
 @pytest.mark.parametrize("numbers", [{"threshold": 1.0}, {"threshold": -0.1}, {"threshold": np.nan}])
-def test_a_threshold_out_of_range_is_told(numbers):
+def test_a_threshold_out_of_range_is_reported(numbers):
     with pytest.raises(ParameterError, match=r"^threshold: expected at least 0 and below 1"):
         Highlights(**numbers)
 
 
 @pytest.mark.parametrize("gain", [0.5, -1.0, np.nan, np.inf])
-def test_a_gain_out_of_range_is_told(gain):
+def test_a_gain_out_of_range_is_reported(gain):
     with pytest.raises(ParameterError, match=r"^gain: expected"):
         Highlights(gain=gain)

@@ -106,7 +106,7 @@ def test_gradients_of_the_strengths():
         {"color_loss": 2},
     ],
 )
-def test_a_number_out_of_range_is_told(numbers):
+def test_a_number_out_of_range_is_reported(numbers):
     name = next(iter(numbers))
     with pytest.raises(ParameterError, match=f"^{name}: expected"):
         Vignette(**{"stops": 1.0, **numbers})

@@ -47,7 +47,7 @@ def test_types_have_words(value, word):
 
 
 @pytest.mark.parametrize("value", [value for value, _ in KNOWN], ids=[word for _, word in KNOWN])
-def test_arguments_are_as_many_and_of_the_types_that_numba_asks_for(value):
+def test_arguments_match_the_signature_of_numba(value):
     """Authority: the LLVM function type that numba gives a function of this argument."""
     context = cpu_target.target_context
     taken = context.call_conv.get_function_type(typeof(None), (typeof(value),)).args[2:]
@@ -82,7 +82,7 @@ def test_arrays_are_handed_over_with_place_shape_and_strides():
     ],
     ids=repr,
 )
-def test_all_else_is_left_to_the_compiler(value):
+def test_other_cases_stay_with_the_compiler(value):
     with pytest.raises(UnsupportedArgument):
         describe(value)
     with pytest.raises(UnsupportedArgument):

@@ -37,7 +37,7 @@ def test_layers_are_the_cards_from_front_to_back():
     assert peeled.colors[3, 4, :, 1].tolist() == pytest.approx([2, 4, 8, 16, 0])
 
 
-def test_an_outline_covers_the_share_of_its_pixels_that_lies_behind_it():
+def test_an_outline_has_the_coverage_of_its_exact_area():
     """Authority: rays through the centres of pixels of a sixteenth of the size, counted."""
     card = Quad(centre=(-300.0, 0, 1000), u_axis=(330.0, 40.0, 0), v_axis=(0, 3000.0, 0))
     world = World(bodies=(Body(shape=card, material=Material(emission=(2.0, 2.0, 2.0))),))

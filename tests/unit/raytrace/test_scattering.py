@@ -114,7 +114,7 @@ def frosted(roughness, light):
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.4])
-def test_light_through_frosted_glass_is_spread_as_the_formula_says(roughness):
+def test_light_through_frosted_glass_spreads_by_the_formula(roughness):
     """Authority: along the normal the facets' angle a has ``tan^2 a / (r^2 + tan^2 a)`` as its distribution
     function (Walter et al., 2007, with G = 1 for the view), and light leaves at 2a, less what Smith's term
     takes; the sky is white within 30 degrees of the axis and black beyond.
@@ -134,7 +134,7 @@ def test_light_through_frosted_glass_is_spread_as_the_formula_says(roughness):
     )
 
 
-def test_clear_glass_shows_what_stands_behind_it():
+def test_clear_glass_shows_its_background():
     bodies = (
         Body(
             shape=Quad(centre=(0, 0, 500), u_axis=(900, 0, 0), v_axis=(0, 900, 0)),

@@ -30,7 +30,7 @@ def random_rays(count, seed, towards=(0, 0, 1000), spread=400):
     return make_rays(origin, (rng.normal(0, spread, (count, 3)) + towards - origin) * 0.37)
 
 
-def test_quad_is_hit_where_the_linear_system_says():
+def test_quad_hits_agree_with_the_linear_system():
     """Oracle: centre + a u + b v = origin + t direction, by numpy.linalg.solve."""
     quad = Quad(centre=(30, -20, 900), u_axis=(200, 50, 80), v_axis=(-40, 150, 90))
     rays = random_rays(500, 0)
@@ -87,7 +87,7 @@ def test_sphere_from_within_is_hit_on_the_far_side():
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_mesh_is_hit_where_a_test_of_every_triangle_says(smooth):
+def test_mesh_hits_agree_with_a_test_of_every_triangle(smooth):
     """Oracle: the linear system of every triangle and every ray, by numpy.linalg.solve."""
     ring = trimesh.creation.torus(200, 80, major_sections=16, minor_sections=12)
     ring.apply_translation([0, 0, 1000])

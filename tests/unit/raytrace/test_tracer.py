@@ -156,7 +156,7 @@ def shadow_row(lamp_half, samples=256):
     return x, (film.all_in_focus / lit).numpy()[0, :, 1]
 
 
-def test_shadow_of_a_point_is_hard_and_lies_on_the_line_from_lamp_over_edge():
+def test_shadow_of_a_point_is_hard_and_on_the_line_from_lamp_over_edge():
     """Authority: similar triangles, from (100, 200) over the screen's edge (0, 800)."""
     x, light = shadow_row(0)
     edge = 100 - 100 * 800 / 600  # where it meets the wall; the camera sees the wall where x < 0
@@ -270,7 +270,7 @@ def test_large_pictures_are_traced_in_pieces_of_the_same_numbers(monkeypatch):
     assert torch.equal(pieces.coverage, whole.coverage)
 
 
-def test_maps_tell_depth_normal_and_body_of_the_first_solid_surface():
+def test_maps_hold_depth_normal_and_body_of_the_first_solid_surface():
     glass = torch.tensor([0.1, 0.1, 0.1, 0.3]).reshape(4, 1, 1)
     bodies = (
         Body(

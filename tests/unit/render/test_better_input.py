@@ -28,7 +28,7 @@ from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.known_edges import matte_surfaces
-from tests.unit.io.exr_files import write_deep, write_exr
+from tests.unit.io.exr.exr_files import write_deep, write_exr
 from train.scores.evaluation_sets import path_traced_shots
 from train.scores.metrics import compare
 

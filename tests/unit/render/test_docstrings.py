@@ -9,10 +9,13 @@ import pytest
 
 from bokehnet import render, scene, sequence, settings
 
-# Steps of a shot that no user calls.
+# Steps of a shot and of the search for a subject that no user calls.
 INTERNAL = {
-    f"bokehnet.sequence.{name}"
-    for name in ("filtered_shot", "optical_flow", "resumable_folder", "temporal_filter")
+    *(
+        f"bokehnet.sequence.{name}"
+        for name in ("filtered_shot", "optical_flow", "resumable_folder", "temporal_filter")
+    ),
+    *(f"bokehnet.scene.subject.{name}" for name in ("candidates", "masks", "view")),
 }
 
 MODULES = sorted(

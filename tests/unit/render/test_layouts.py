@@ -52,7 +52,7 @@ def letterbox():
     return image
 
 
-def test_bars_stay_black_and_the_picture_beside_them_is_that_without_bars(renderer):
+def test_bars_stay_black_and_the_picture_next_to_them_is_that_without_bars(renderer):
     """Authority: the render of the picture that was cropped first."""
     result = rendered(renderer, letterbox())
     alone = rendered(renderer, SOFT[12:-11])
@@ -157,7 +157,7 @@ def test_the_lens_gives_the_same_height_with_any_pixels():
         ("c.tif", (1, 300), 1.0),  # a fault
     ],
 )
-def test_files_tell_the_shape_of_their_pixels(tmp_path, name, dpi, aspect):
+def test_files_name_their_pixel_aspect_ratio(tmp_path, name, dpi, aspect):
     write_wide(tmp_path / name, dpi)
     assert read_frame(tmp_path / name).window.pixel_aspect == pytest.approx(aspect)
     assert image_info(tmp_path / name).pixel_aspect == pytest.approx(aspect)

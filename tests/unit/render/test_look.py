@@ -44,7 +44,7 @@ def response(lens=None, **color):
     return make_lens_response(lens or LensSettings(), ColorSettings(**color))
 
 
-def test_the_default_look_is_none():
+def test_the_default_look_changes_nothing():
     assert make_aperture(ApertureSettings()) == Aperture()
     assert make_effects(EffectSettings()) is None
     assert make_highlights(HighlightSettings()) is None
@@ -66,7 +66,7 @@ def test_every_field_of_the_aperture_arrives():
     )  # fmt: skip
 
 
-def test_effects_of_strength_0_are_none():
+def test_effects_of_strength_0_change_nothing():
     assert make_effects(EffectSettings(brown=(0, 0, 0, 0, 0), vignette=0, grain=0, grain_size=2)) is None
     assert make_effects(EffectSettings(vignette=0, vignette_radius=1, vignette_softness=0.5)) is None
 
@@ -142,7 +142,7 @@ def test_gains_are_read_from_files(tmp_path, text):
         (b"1 " * 65, ParameterError, "color.equaliser: expected 1 to 64 gains, got 65"),
     ],
 )
-def test_a_file_of_gains_that_holds_none_is_told(tmp_path, content, kind, words):
+def test_a_gain_file_without_gains_is_reported(tmp_path, content, kind, words):
     path = tmp_path / "gains.txt"
     if content is not None:
         path.write_bytes(content)
@@ -160,7 +160,7 @@ def test_a_file_of_gains_that_holds_none_is_told(tmp_path, content, kind, words)
         ({"axial": 1, "equaliser": (1,) * 65}, "color.equaliser", "1 to 64 gains"),
     ],
 )
-def test_names_that_nobody_knows_are_told_by_their_field(color, parameter, words):
+def test_unknown_names_are_reported_with_their_field(color, parameter, words):
     with pytest.raises(ParameterError, match=words) as caught:
         response(**color)
     assert caught.value.parameter == parameter
@@ -170,14 +170,14 @@ def test_names_that_nobody_knows_are_told_by_their_field(color, parameter, words
     ("effects", "parameter"),
     [({"brown": (-0.5,)}, "effects.brown"), ({"brown": (0, 0, 0, 0.5, 0)}, "effects.brown")],
 )
-def test_a_picture_that_folds_is_told_by_its_field(effects, parameter):
+def test_a_picture_that_folds_is_reported_with_its_field(effects, parameter):
     with pytest.raises(ParameterError, match="folds over itself") as caught:
         make_effects(EffectSettings(**effects))
     assert caught.value.parameter == parameter
 
 
 @pytest.mark.parametrize(("value", "words"), [(0.0, "light inside the aperture"), (-1.0, "from 0 up")])
-def test_a_picture_of_no_opening_is_told_by_its_field(tmp_path, value, words):
+def test_an_empty_aperture_picture_is_reported_with_its_field(tmp_path, value, words):
     write_image(tmp_path / "dark.exr", np.full((8, 8, 3), value))
     with pytest.raises(ParameterError, match=words) as caught:
         make_aperture(ApertureSettings(image=tmp_path / "dark.exr"))
@@ -191,12 +191,12 @@ def test_a_picture_of_no_opening_is_told_by_its_field(tmp_path, value, words):
         ({"name": "petzval", "f_number": 1.2}, "`lens.name`: Petzval: f-number"),
     ],
 )
-def test_a_lens_that_cannot_be_is_told_before_any_picture(lens, words):
+def test_an_impossible_lens_is_reported_before_any_picture(lens, words):
     with pytest.raises(LensError, match=words):
         BokehRenderer().check(RenderSettings(lens=LensSettings(**lens)))
 
 
-def test_a_camera_that_opens_wider_than_the_lens_is_told_the_way_out():
+def test_a_camera_wider_than_the_lens_gets_the_way_out():
     with pytest.raises(LensError, match=r"Petzval: f-number.*`lens.f_number` sets that of the lens only"):
         prescription_lens(LensSettings(name="petzval"), f_number=1.4)
     assert prescription_lens(LensSettings(name="petzval", f_number=4), f_number=1.4).f_number == 4
@@ -229,5 +229,5 @@ def test_with_metric_depth_the_lens_has_the_numbers_of_the_camera():
     )
 
 
-def test_without_a_lens_and_a_lean_nothing_is_added():
+def test_without_a_lens_and_a_tilt_nothing_is_added():
     assert picture_aberrations(LensSettings(), focused(), WINDOW) is None

@@ -106,7 +106,7 @@ def test_one_prepared_scene_serves_many_looks(scene):
         assert_array_equal(renderer.render(prepared, settings).bokeh, renderer.render(scene, settings).bokeh)
 
 
-def test_repairing_is_told(scene):
+def test_the_repair_is_announced(scene):
     for mode, told in (("off", None), ("on", True)):
         settings = with_groups(depth=DepthSettings(repair=mode))
         report = BokehRenderer("scatter").render(scene, settings).report
@@ -148,7 +148,7 @@ def test_without_settings_a_ready_defocus_is_rendered(photo, defocus):
     assert (found.report.focus_disparity, found.report.focus_distance) == (None, None)
 
 
-def test_a_report_says_what_was_decided(scene, photo, steps):
+def test_a_report_names_the_decisions(scene, photo, steps):
     renderer = BokehRenderer("scatter")
     report = renderer.render(scene, PLAIN).report
     assert (report.engine, report.focus_disparity, report.focus_distance) == ("scatter", 0.4, None)
@@ -175,7 +175,7 @@ def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
 
 def test_strips_give_the_same_picture(scene, monkeypatch):
     """Oracle: the whole picture at once; only rounding differs."""
-    monkeypatch.setattr("bokehnet.render.memory_bounds.PROGRAM", 0)
+    monkeypatch.setattr("bokehnet.render.exposure.memory_bounds.PROGRAM", 0)
     monkeypatch.setattr("bokehnet.engines.strips._FEWEST_ROWS", 1, raising=False)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     ramp = np.linspace(0, 1, 600 * 48, dtype=np.float32).reshape(600, 48)
@@ -318,7 +318,7 @@ def test_an_exr_is_saved_in_place_of_the_picture_it_came_from(folder, write_chan
     assert_allclose(found["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
 
 
-def test_the_settings_beside_the_maps_make_the_same_picture_again(folder, random_weights):
+def test_the_saved_settings_reproduce_the_picture(folder, random_weights):
     settings = dataclasses.replace(
         PLAIN,
         input=InputSettings(disparity="disparity.png"),
@@ -392,7 +392,7 @@ def test_a_prepared_scene_is_no_way_round_the_checks(scene):
 
 
 @pytest.mark.parametrize("wrong", ["settings", 5, {}, CameraSettings()])
-def test_settings_are_nothing_else(scene, wrong):
+def test_settings_have_no_other_keys(scene, wrong):
     for call in (BokehRenderer("scatter").render, BokehRenderer("scatter").prepare):
         with pytest.raises(ParameterError, match="settings: expected RenderSettings"):
             call(scene, wrong)
@@ -414,7 +414,7 @@ def test_arrays_that_make_no_scene_are_refused(photo, steps, change, kind, words
         make_scene(given["image"], RelativeDisparity(map=steps), alpha=given["alpha"])
 
 
-def test_a_map_of_another_size_is_brought_to_the_picture_only_when_asked(photo, steps):
+def test_a_map_of_another_size_is_resized_on_request_only(photo, steps):
     scene = make_scene(photo, RelativeDisparity(map=steps[::2, ::2], as_stored=True))
     renderer = BokehRenderer("scatter")
     with pytest.raises(ShapeError, match=r"64x40 pixels but its disparity is 32x20.*`depth.resize`"):

@@ -43,7 +43,7 @@ def test_what_is_given_wins_over_what_files_say():
         ({"f_number": 2}, Camera(), "`camera.focal_length` and `camera.sensor_width`"),
     ],
 )
-def test_what_neither_says_is_asked_for(given, file, missing):
+def test_a_value_missing_in_both_is_requested(given, file, missing):
     with pytest.raises(ParameterError) as caught:
         complete_camera(CameraSettings(**given), file, "input.depth")
     assert missing in str(caught.value)

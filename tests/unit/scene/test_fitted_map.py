@@ -37,7 +37,7 @@ def test_a_small_map_is_enlarged_smoothly_for_the_repair(repair):
         (DefocusMap(map=10 * SMALL.astype(np.float32)), "auto"),
     ],
 )
-def test_steps_stay_steps_where_nobody_sharpens_them_or_the_map_is_finer(source, repair):
+def test_steps_stay_without_sharpening_or_with_a_finer_map(source, repair):
     assert len(np.unique(fitted(source, repair))) == 2
 
 

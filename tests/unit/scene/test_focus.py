@@ -1,4 +1,4 @@
-"""What stays sharp. The command line's view of it is in tests/unit/cli/test_focus_plane_options.py."""
+"""What stays sharp; the command line's view is in tests/unit/cli/options/test_focus_plane_options.py."""
 
 import math
 
@@ -61,7 +61,7 @@ def test_a_distance_gives_the_textbook_circle_of_confusion(focus):
     assert_allclose(lens.defocus(depth.values), c / 2 / pitch, rtol=1e-4, atol=1e-4)
 
 
-def test_the_file_tells_focus_and_camera_where_nothing_is_given():
+def test_the_file_sets_focus_and_camera_without_options():
     camera = Camera(focal_length=50.0, f_number=2.0, sensor_width=36.0, focus_distance=1500.0)
     depth = metric(np.full((HEIGHT, WIDTH), 4.0), camera)
     found = focus_lens(depth, WINDOW, FocusSettings(), CameraSettings())
@@ -91,7 +91,7 @@ def test_disparity_is_inverse_distance_in_millimetres():
             disparity_of_distance(wrong)
 
 
-def test_a_lens_that_cannot_focus_there_tells_the_distance_as_it_was_given():
+def test_a_focus_out_of_reach_is_reported_in_the_units_of_the_input():
     depth = metric(np.full((HEIGHT, WIDTH), 0.03))
     lens = focus_lens(depth, WINDOW, FocusSettings(at=(3, 3)), LENS)
     with pytest.raises(
@@ -165,7 +165,7 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
         ),
     ],
 )
-def test_what_does_not_go_together_is_told_before_anything_is_read(settings, parameter, words):
+def test_contradictory_options_are_reported_before_anything_is_read(settings, parameter, words):
     with pytest.raises(ParameterError) as caught:
         check_focus(RenderSettings(**settings))
     assert caught.value.parameter == parameter

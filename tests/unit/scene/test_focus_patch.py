@@ -75,7 +75,7 @@ def test_noise_of_the_map_averages_out():
         assert abs(surface_disparity(noisy, column, row, TEXTURE) - clean[row, column]) < 0.014
 
 
-def test_pixels_beside_an_edge_keep_their_side():
+def test_pixels_next_to_an_edge_keep_their_side():
     values = two_surfaces()
     assert surface_disparity(values, 39, 40, TEXTURE) == pytest.approx(0.2)
     assert surface_disparity(values, 40, 40, TEXTURE) == pytest.approx(0.8)

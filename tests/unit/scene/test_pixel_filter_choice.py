@@ -32,7 +32,7 @@ def test_renderers_are_known_by_what_they_write(attributes, renderer):
     assert renderer_of(attributes) == renderer
 
 
-def test_the_file_tells_its_renderer(tmp_path):
+def test_the_file_names_its_renderer(tmp_path):
     path = tmp_path / "arnold.exr"
     spec = oiio.ImageSpec(8, 6, 3, "float")
     spec.attribute("arnold/frame", 1.0)
@@ -47,13 +47,13 @@ def test_the_file_tells_its_renderer(tmp_path):
     assert choose_filter(scene, "mitchell").pixel_filter == PixelFilter("mitchell", 4)
 
 
-def test_without_a_file_the_edges_are_asked():
+def test_without_metadata_the_edges_decide():
     scene = make_scene(np.full((20, 30, 3), 0.5, np.float32), ConstantDisparity(value=0.2))
     found = choose_filter(scene, "auto")
     assert (found.pixel_filter, found.confidence) == (DEFAULT_FILTER, 0.0)
 
 
-def test_the_report_tells_the_filter_where_pixels_are_parted():
+def test_the_report_names_the_filter_of_unmixed_pixels():
     scene = make_scene(np.full((24, 32, 3), 0.5, np.float32), ConstantDisparity(value=0.75))
     settings = RenderSettings().updated({**TOLD, "depth": {"repair": "off", "pixel_filter": "gaussian:1.6"}})
     report = BokehRenderer("rays").render(scene, settings).report

@@ -72,7 +72,7 @@ def test_a_scene_file_becomes_a_world_in_millimetres(scene):
     assert job.camera.lens.focus_distance == 1200
 
 
-def test_the_sensor_is_tilted_and_shifted_as_told(scene):
+def test_the_sensor_is_tilted_and_shifted_as_requested(scene):
     moved = "height = 16\ntilt = [-8.0, 3.0]\nshift = [0.5, -2.0]"
     lens = read_scene(scene(("height = 16", moved))).camera.lens
     thin = ThinLens(focal_length=50.0, f_number=1.4, focus_distance=1200.0)
@@ -104,7 +104,7 @@ def test_a_background_fills_the_frame_of_a_moved_sensor(scene):
     assert float(seen[0]) > 22.9 / 52.2  # the far side of the shifted sensor, not half its width
 
 
-def test_pictures_bring_their_alpha_and_stand_beside_the_scene_file(scene, tmp_path):
+def test_pictures_have_alpha_and_are_found_in_the_folder_of_the_scene_file(scene, tmp_path):
     import OpenImageIO as oiio  # noqa: N813
 
     rgba = np.zeros((2, 3, 4), np.uint8)
@@ -204,7 +204,7 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
         ("[[lamps]]", "[render]\nbounces = -1\n[[lamps]]", r"render: bounces: expected at least 0"),
     ],
 )
-def test_mistakes_are_told_with_file_and_key(scene, old, new, message):
+def test_mistakes_are_reported_with_file_and_key(scene, old, new, message):
     path = scene((old, new))
     with pytest.raises(ConfigError, match=message) as caught:
         read_scene(path)
@@ -212,7 +212,7 @@ def test_mistakes_are_told_with_file_and_key(scene, old, new, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_lens_of_the_catalog_focuses_and_says_where_it_cannot(scene):
+def test_a_lens_of_the_catalog_focuses_and_reports_where_it_cannot(scene):
     glass = ("focal_length = 50.0\nf_number = 1.4", 'name = "double_gauss"\nfocal_length = 50.0')
     lens = read_scene(scene(glass)).camera.lens
     assert (lens.focal_length, lens.focus_distance) == (pytest.approx(50), 1200)
@@ -222,7 +222,7 @@ def test_a_lens_of_the_catalog_focuses_and_says_where_it_cannot(scene):
         read_scene(scene(glass, ("focus_distance = 1.2", "focus_distance = 0.03")))
 
 
-def test_missing_meshes_and_bad_backgrounds_are_told_too(scene):
+def test_missing_meshes_and_bad_backgrounds_are_reported_too(scene):
     pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
     mesh = '[[meshes]]\nfile = "none.glb"\nmaterial = { color = [0.4, 0.4, 0.4] }\n'
     with pytest.raises(ConfigError, match=r"scene\.toml: meshes\[0\]\.file: .*no such file"):

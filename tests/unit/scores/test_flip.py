@@ -17,7 +17,7 @@ def pair(height=60, width=80):
 
 
 @pytest.mark.parametrize("pixels_per_degree", [67.0, 40.0])
-def test_it_is_what_the_authors_program_says(pixels_per_degree):
+def test_it_equals_the_output_of_the_authors_program(pixels_per_degree):
     evaluator = pytest.importorskip("flip_evaluator")
     reference, test = pair()
     told = {"ppd": pixels_per_degree}

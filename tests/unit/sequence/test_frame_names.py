@@ -25,7 +25,7 @@ def test_frames_are_read_as_people_write_them(text, frames):
 @pytest.mark.parametrize(
     "text", ["", "a", "1-", "-5", "1-2-3", "5-1", "1-9x0", "1-9x", "1.5", "1..9", "1,,2"]
 )
-def test_other_words_are_told(text):
+def test_unknown_words_are_reported(text):
     with pytest.raises(ParameterError, match=r"^frames: expected"):
         parse_frames(text)
 

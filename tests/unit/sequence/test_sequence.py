@@ -43,12 +43,12 @@ def test_relative_numbers_are_linear_and_keys_are_exact_and_ends_stay():
     assert [pull.at(frame)["focus"] for frame in (-5, 99)] == [0.1, 0.3]
 
 
-def test_a_distance_that_is_none_is_told():
+def test_an_invalid_distance_is_reported():
     with pytest.raises(ParameterError, match="above 0, got -1"):
         Pull(keys={"focus_distance": [(0, -1.0), (4, 2.0)]}).at(2)
 
 
-def test_a_file_holds_keys_and_empty_cells_are_none(tmp_path):
+def test_a_file_holds_keys_and_no_empty_cells(tmp_path):
     path = tmp_path / "pull.csv"
     path.write_text("\ufefffocus_distance, frame, f_number\n2.5,1010,\n1,1001,2\ninf,1020,4\n", "utf-8")
     pull = read_pull(path)
@@ -77,14 +77,14 @@ def test_a_file_holds_keys_and_empty_cells_are_none(tmp_path):
         ("\x00\x01", "expected the column frame"),
     ],
 )
-def test_a_file_that_is_none_is_told(tmp_path, text, words):
+def test_an_invalid_file_is_reported(tmp_path, text, words):
     path = tmp_path / "pull.csv"
     path.write_text(text)
     with pytest.raises(ConfigError, match=words):
         read_pull(path)
 
 
-def test_a_file_that_cannot_be_read_is_told(tmp_path):
+def test_a_file_that_cannot_be_read_is_reported(tmp_path):
     with pytest.raises(ConfigError, match="No such file"):
         read_pull(tmp_path / "missing.csv")
     (tmp_path / "bytes.csv").write_bytes(b"frame,focus\n1,\xff\n")
@@ -121,14 +121,14 @@ def test_ends_make_a_pull_from_the_first_frame_to_the_last(tmp_path):
         ),
     ],
 )
-def test_half_a_pull_is_told(settings, parameter, words):
+def test_half_a_pull_is_reported(settings, parameter, words):
     with pytest.raises(ParameterError) as caught:
         make_pull([1, 2], SequenceSettings(**settings), metric=True)
     assert caught.value.parameter == parameter
     assert words in str(caught.value)
 
 
-def test_a_frame_has_its_files_and_what_is_pulled_and_all_else_stays():
+def test_a_frame_has_its_files_and_what_is_pulled_and_everything_else_stays():
     shot = RenderSettings(input=InputSettings(disparity="z.##.png"), camera=CameraSettings(blur=9))
     found = settings_at_frame(shot, 7, Pull(keys={"focus": [(1, 0.1), (11, 0.6)]}))
     assert str(found.input.disparity) == "z.07.png"

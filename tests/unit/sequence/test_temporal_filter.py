@@ -200,7 +200,7 @@ def test_a_plan_is_what_most_maps_ask_for():
     assert common_plan(plans) == RepairPlan(repaired=True, softness=0.1, shift=1, offset=(2, -1))
 
 
-def test_the_repair_follows_a_plan_against_what_the_map_says():
+def test_the_repair_follows_a_given_plan():
     """A map that stands right is repaired where the shot is; a wrong one is left where the shot is."""
     images, _, truth = shot(1)
     repair = DisparityRepair()

@@ -106,7 +106,7 @@ def test_the_focus_stays_on_a_thing_that_comes_nearer(shot, cli, words):
     np.testing.assert_allclose(focus_of(outcome.err), 0.3 + 0.1 * np.arange(6), atol=0.006)
 
 
-def test_a_lost_thing_is_told(shot, cli):
+def test_a_lost_thing_is_reported(shot, cli):
     write_image("in.3.png", frame(3, hidden=True) ** 2.2)
     outcome = cli(*WORDS, "--frames", "0-5", "--track", "50,40")
     assert outcome.code == 0
@@ -122,7 +122,7 @@ def test_a_lost_thing_is_told(shot, cli):
         (["--track", "5,5", "--focus-from", "0", "--focus-to", "1"], "--track: expected no other focus"),
     ],
 )
-def test_a_track_that_is_none_is_told_in_a_line(shot, cli, words, told):
+def test_an_invalid_track_is_reported_in_one_line(shot, cli, words, told):
     outcome = cli(*WORDS, "--frames", "0-5", *words)
     assert (outcome.code, outcome.out) == (1, "")
     assert told in outcome.err

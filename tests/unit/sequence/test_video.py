@@ -1,5 +1,6 @@
 """Videos rendered: no frame lost or doubled, all else of the file kept, whenever it is stopped."""
 
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
@@ -10,7 +11,8 @@ from bokehnet.cli.app import run
 from bokehnet.errors import BokehnetError
 from bokehnet.inference.monocular import DepthEstimator
 from bokehnet.io.image import write_map
-from bokehnet.io.video.frames import join_segments, read_video, video_info, write_segment
+from bokehnet.io.video.display_matrix import DisplayMatrix
+from bokehnet.io.video.frames import choose_codec, join_segments, read_video, video_info, write_segment
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.sequence import video as video_module
 from bokehnet.sequence.filtered_shot import FilteredShot
@@ -267,7 +269,7 @@ def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeyp
     assert np.std([kept[t + 1] - kept[t] for t in (*range(5), *range(6, 11))]) < 0.2 * before
 
 
-def test_a_video_of_depth_of_another_length_is_told(tmp_path, capsys):
+def test_a_video_of_depth_of_another_length_is_reported(tmp_path, capsys):
     pictures, maps, _ = two_shots(4)
     write_video(tmp_path / "clip.mkv", pictures)
     write_video(tmp_path / "depth.mkv", maps[:3])
@@ -331,7 +333,7 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
         (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
     ],
 )
-def test_what_does_not_fit_a_video_is_told_in_a_line(tmp_path, capsys, monkeypatch, words, told):
+def test_options_that_do_not_fit_a_video_are_reported_in_one_line(tmp_path, capsys, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     make_clip(tmp_path / "clip.mp4", 2)
     before = (tmp_path / "clip.mp4").read_bytes()
@@ -344,7 +346,7 @@ def test_what_does_not_fit_a_video_is_told_in_a_line(tmp_path, capsys, monkeypat
     assert (tmp_path / "clip.mp4").read_bytes() == before
 
 
-def test_a_file_that_is_no_video_is_told_by_name(tmp_path):
+def test_a_file_without_video_is_reported_by_name(tmp_path):
     (tmp_path / "no.mp4").write_bytes(b"nothing of the kind")
     with pytest.raises(BokehnetError, match=r"no\.mp4: expected a video"):
         video_info(tmp_path / "no.mp4")
@@ -377,3 +379,87 @@ def test_maps_of_a_turned_clip_may_be_as_stored_or_as_shown(tmp_path):
         info = rendered("turned.mkv", depth, f"{number}.mkv")
         assert (info.width, info.height, info.stored_size) == (64, 96, (96, 64))
         np.testing.assert_allclose(list(read_video(info)), expected, atol=0.02)
+
+
+def grey_clip(path, frames, aspect=None, size=(48, 32)):
+    """Write grey frames (H, W), 0 to 255, without loss."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=24)
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv444p"
+        context = stream.codec_context
+        context.color_range = 2
+        context.color_primaries = context.color_trc = context.colorspace = 1
+        if aspect is not None:
+            context.sample_aspect_ratio = aspect
+        for number, frame in enumerate(frames):
+            colors = np.repeat(np.asarray(frame, np.uint8)[..., None], 3, 2)
+            picture_frame = av.VideoFrame.from_ndarray(colors, "rgb24")
+            picture_frame = picture_frame.reformat(
+                format="yuv444p", dst_colorspace="ITU709", dst_color_range="JPEG"
+            )
+            picture_frame.pts, picture_frame.time_base = number, Fraction(1, 24)
+            container.mux(stream.encode(picture_frame))
+        container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_wide_pixels_of_a_video_narrow_the_disc(tmp_path, turned):
+    """Authority: a disc is round as displayed: with pixels twice as wide, half as many columns."""
+    lamp = np.zeros((64, 96))
+    lamp[31:33, 47:49] = 255
+    grey_clip(tmp_path / "clip.mp4", [lamp], Fraction(2), (96, 64))
+    info = video_info(tmp_path / "clip.mp4")
+    with pytest.raises(BokehnetError, match="pixels of 2 times"):
+        choose_codec(tmp_path / "out.mkv", info, "ffv1")
+    assert info.window.pixel_aspect == 2
+    if turned:
+        info = replace(info, width=64, height=96, display=DisplayMatrix(transposed=True))
+        assert info.window.pixel_aspect == 0.5
+    one = job(tmp_path / "clip.mp4", tmp_path / "out.mov", "prores")
+    settings = one.settings.updated({"camera": {"blur": 24}, "focus": {"value": 0.0}})
+    one = replace(one, info=info, settings=settings)
+    one.run(BokehRenderer("scatter"))
+    written = video_info(tmp_path / "out.mov")
+    assert written.window.pixel_aspect == info.window.pixel_aspect
+    light = next(read_video(written)).mean(-1)
+    disc = light > light.max() / 2
+    rows, columns = (12, 24) if turned else (24, 12)
+    assert (disc.any(1).sum(), disc.any(0).sum()) == (
+        pytest.approx(rows, abs=3),
+        pytest.approx(columns, abs=3),
+    )
+
+
+def map_words(tmp_path, *words):
+    grey_clip(tmp_path / "clip.mkv", [np.full((32, 48), 90)] * 3)
+    clip, maps, output = (str(tmp_path / name) for name in ("clip.mkv", "maps.mkv", "out.mkv"))
+    fixed = ["--blur", "6", "--engine", "scatter", "--repair-disparity", "off", "--steady", "off"]
+    return ["render", clip, "--disparity", maps, "-o", output, *fixed, *words]
+
+
+def test_values_without_depth_in_a_video_map_are_filled_and_reported_or_refused(tmp_path, capsys):
+    """Authority: the same checks as for maps of pictures."""
+    depth_map = np.full((32, 48), 120)
+    depth_map[8:20, 10:24] = 0
+    grey_clip(tmp_path / "maps.mkv", [depth_map] * 3)
+    assert run(map_words(tmp_path, "--no-data", "0", "--focus", "0.2", "--holes", "error")) == 1
+    error = capsys.readouterr().err
+    assert error.count("bokehnet: error") == 1
+    assert "168" in error
+    assert run(map_words(tmp_path, "--no-data", "0", "--focus", "0.2", "--holes", "fill")) == 0
+    assert "168" in capsys.readouterr().err
+
+
+def test_an_inverted_video_map_is_nearest_where_it_is_dark(tmp_path):
+    """Authority: the defocus of the complementary map."""
+    ramp = np.tile(np.linspace(20, 230, 48), (32, 1)).round()
+    pictures = []
+    for maps, words in ((ramp, ["--invert"]), (255 - ramp, [])):
+        grey_clip(tmp_path / "maps.mkv", [maps] * 3)
+        texture = np.random.default_rng(0).integers(20, 200, (32, 48))
+        words = map_words(tmp_path, "--focus", "0.3", *words)
+        grey_clip(tmp_path / "clip.mkv", [texture] * 3)
+        assert run(words) == 0
+        pictures.append(next(read_video(video_info(tmp_path / "out.mkv"))))
+        (tmp_path / "out.mkv").unlink()
+    np.testing.assert_allclose(*pictures, atol=2e-3)

@@ -71,7 +71,7 @@ def test_kills_of_workers_lose_and_double_nothing(attacked, tmp_path):
     assert attacked.metric("bokehnet_jobs_doubled_total") == 0
 
 
-def test_damaged_jobs_are_said_and_others_rendered(attacked, tmp_path):
+def test_damaged_jobs_are_reported_and_others_rendered(attacked, tmp_path):
     done = attacked.post(tmp_path).json()["id"]
     attacked.wait(done)
     folder = tmp_path / "jobs" / "jobs"
@@ -112,7 +112,7 @@ def test_files_of_jobs_are_private(attacked, tmp_path):
     }
 
 
-def test_a_full_queue_is_said_before_the_upload(tmp_path):
+def test_a_full_queue_is_reported_before_the_upload(tmp_path):
     write_scene(tmp_path)
     with service(tmp_path / "jobs", "--workers", "0", "--queue", "1") as running:
         assert running.post(tmp_path).status_code == 202

@@ -20,7 +20,7 @@ from tests.unit.serve.running import ENDED, SETTINGS, command_line, write_scene 
 JOBS, PORT = 8, 8133
 
 
-def test_a_replica_is_told_by_variables():
+def test_environment_variables_identify_a_replica():
     told = settings_from_environment(
         {"BOKEHNET_SERVE_WORKERS": "2", "BOKEHNET_SERVE_MAX_UPLOAD": "2M", "HOME": "x"}
     )

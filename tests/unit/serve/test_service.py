@@ -84,7 +84,7 @@ def test_the_page_of_the_interface_loads_nothing(running):
         assert word not in answer.text
 
 
-def test_progress_is_told_as_it_goes_and_ends_with_the_outcome(running, scene):
+def test_progress_is_reported_and_ends_with_the_outcome(running, scene):
     job = running.post(scene / "large").json()["id"]
     events = []
     with running.client.stream("GET", f"/v1/jobs/{job}/events") as answer:
@@ -175,7 +175,7 @@ def test_too_many_pixels_fail_and_too_many_bytes_are_refused(running, scene, tmp
     assert (answer.status_code, problem(answer)["title"]) == (413, "The request is too large")
 
 
-def test_a_client_that_stands_still_is_told_so(running):
+def test_a_stalled_client_gets_an_error(running):
     host, port = running.address.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port)), timeout=20) as connection:
         head = "POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
@@ -206,7 +206,7 @@ def test_the_queue_is_bounded(running, scene):
             running.client.delete(f"/v1/jobs/{answer.json()['id']}")
 
 
-def test_a_killed_worker_loses_no_job_and_doubles_none(running, scene):
+def test_a_killed_worker_loses_and_doubles_no_job(running, scene):
     deaths, doubled = (running.metric(f"bokehnet_{name}_total") for name in ("worker_deaths", "jobs_doubled"))
     job = running.post(scene / "large").json()["id"]
     running.wait(job, states=("running",))
@@ -276,7 +276,7 @@ def test_tokens_part_the_clients(scene, tmp_path):
         (["--tokens", "none"], ["none"]),
     ],
 )
-def test_a_service_that_cannot_be_says_why(cli, tmp_path, monkeypatch, options, words):
+def test_an_impossible_service_reports_the_reason(cli, tmp_path, monkeypatch, options, words):
     monkeypatch.chdir(tmp_path)
     outcome = cli("serve", *options)
     assert (outcome.code, outcome.err.count("\n")) == (1, 1)
@@ -284,7 +284,7 @@ def test_a_service_that_cannot_be_says_why(cli, tmp_path, monkeypatch, options, 
         assert word in outcome.err
 
 
-def test_the_program_says_what_is_missing(python_process):
+def test_the_program_names_missing_options(python_process):
     source = (
         "import sys; sys.modules['fastapi'] = None\n"
         "from bokehnet.cli.app import run; sys.exit(run(['serve']))"

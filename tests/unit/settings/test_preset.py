@@ -17,7 +17,7 @@ from bokehnet.settings.settings import (
 )
 
 
-def test_there_are_at_least_ten_and_each_says_what_it_is():
+def test_there_are_at_least_ten_and_each_has_a_description():
     assert len(presets()) >= 10
     assert presets() == sorted(presets())
     for name in presets():
@@ -68,7 +68,7 @@ def test_groups_and_flags_say_the_same(tmp_path):
         ("\x00", ConfigError, "expected TOML, found an error"),
     ],
 )
-def test_a_file_that_is_no_look_is_told(tmp_path, text, kind, words):
+def test_a_file_without_a_look_is_reported(tmp_path, text, kind, words):
     path = tmp_path / "look.toml"
     path.write_text(text)
     with pytest.raises(kind, match=words):
@@ -84,7 +84,7 @@ def test_a_file_that_is_no_look_is_told(tmp_path, text, kind, words):
         ("blade-curvature = 1\n", "aperture.curvature"),
     ],
 )
-def test_a_value_that_is_none_is_told_where_the_look_is_used(tmp_path, text, parameter):
+def test_a_none_value_is_reported_by_the_user_of_the_look(tmp_path, text, parameter):
     path = tmp_path / "look.toml"
     path.write_text(text)
     with pytest.raises(ParameterError) as caught:
@@ -97,7 +97,7 @@ def test_a_look_that_follows_rays_refuses_an_engine_that_does_not():
         load_preset("petzval-swirl").over(RenderSettings(engine=EngineSettings(name="scatter")))
 
 
-def test_a_file_that_cannot_be_read_is_told(tmp_path):
+def test_a_file_that_cannot_be_read_is_reported(tmp_path):
     with pytest.raises(ConfigError, match=r"cannot read preset .*missing.toml"):
         load_preset(tmp_path / "missing.toml")
     with pytest.raises(ConfigError, match=r"unknown preset 'nothing'.* one of anamorphic"):

@@ -91,7 +91,7 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_field(group, know
 
 
 @pytest.mark.parametrize(("group", "known"), FIELDS, ids=lambda item: getattr(item, "path", None))
-def test_infinity_is_a_value_only_where_the_field_says_so(group, known):
+def test_infinity_is_a_value_only_if_the_field_allows_it(group, known):
     """Authority: ``Setting.infinite``. Below 0 infinity needs a field without a lower bound as well."""
     for value in (math.inf, -math.inf):
         given = {"number": value, "numbers": (value, 1.0)}.get(kind(known))
@@ -249,7 +249,7 @@ def test_names_of_files_with_odd_characters_come_back(tmp_path):
         assert str(load_settings(tmp_path / "settings.toml").input.disparity) == name
 
 
-def test_a_file_that_cannot_be_written_is_told_and_nothing_is_left(tmp_path):
+def test_a_file_that_cannot_be_written_is_reported_and_nothing_is_left(tmp_path):
     with pytest.raises(ConfigError):
         save_settings(tmp_path / "no" / "settings.toml", RenderSettings())
     assert list(tmp_path.iterdir()) == []
@@ -277,7 +277,7 @@ def test_a_file_that_cannot_be_written_is_told_and_nothing_is_left(tmp_path):
         (f"blades = {'1' * 5000}\n", ConfigError, "expected TOML, found an error"),
     ],
 )
-def test_a_file_that_holds_something_else_is_told(tmp_path, text, kind, words):
+def test_a_file_that_holds_something_else_is_reported(tmp_path, text, kind, words):
     (tmp_path / "settings.toml").write_text(text)
     with pytest.raises(kind, match=words):
         load_settings(tmp_path / "settings.toml")
@@ -311,12 +311,12 @@ def test_sizes_are_read_as_people_write_them(text, size):
 
 
 @pytest.mark.parametrize("text", ["much", "", "-1", "1e9", "4X", "1.5.2G", "nan", "inf"])
-def test_what_is_no_size_is_told(text):
+def test_an_invalid_size_is_reported(text):
     with pytest.raises(ParameterError, match=r"engine.max_memory: expected a size such as 500M or 2G"):
         from_plain(all_settings()["engine.max_memory"], text)
 
 
-def test_unknown_names_are_told_with_the_known_ones():
+def test_unknown_names_are_reported_with_the_known_ones():
     with pytest.raises(ParameterError, match="apertures: expected one of input, depth, focus") as caught:
         RenderSettings().updated({"apertures": {}})
     assert caught.value.parameter == "apertures"

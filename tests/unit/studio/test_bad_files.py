@@ -9,7 +9,7 @@ import pytest
 
 from bokehnet.errors import BokehnetError, ConfigError
 from bokehnet.io.channels import write_channels
-from bokehnet.process_limits import limit_address_space, limit_cpu_time
+from bokehnet.processes.limits import limit_address_space, limit_cpu_time
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.files.archive import read_session, write_session
 

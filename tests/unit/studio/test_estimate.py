@@ -31,11 +31,12 @@ def wait(session):
 
 def main():
     from bokehnet.settings.settings import RenderSettings
+    from bokehnet.studio.looks import depth_offer
     from bokehnet.studio.session import Session
 
     session = Session()
     session.open(Path("photo.png"), RenderSettings())
-    result = {"before": session.state()["flat"], "offer": session.depth_offer()}
+    result = {"before": session.state()["flat"], "offer": depth_offer()}
     session.estimate(agreed=False)
     result["declined"], result["files"] = wait(session), len(list(Path("cache").rglob("blobs/*")))
     session.estimate(agreed=True)

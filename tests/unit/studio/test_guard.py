@@ -33,7 +33,7 @@ def test_the_page_itself_is_served(client):
 @pytest.mark.parametrize(
     "path", ["/", "/api/state", "/wrong/api/state", f"/{TOKEN}x/api/state", f"/{TOKEN}", "//"]
 )
-def test_nothing_is_told_without_the_token(client, path):
+def test_nothing_is_served_without_the_token(client, path):
     answer = client.get(f"http://{HOST}{path}")
     assert answer.status_code == 403
     assert "bokehnet studio</title>" not in answer.text
@@ -118,7 +118,7 @@ def test_a_websocket_is_closed(client):
         "%2e%2e/guard.py",
     ],
 )
-def test_no_file_beside_the_page_can_be_reached(client, path):
+def test_no_file_next_to_the_page_can_be_reached(client, path):
     answer = client.get(f"http://{HOST}/{TOKEN}/{path}")
     assert answer.status_code in (403, 404)
     assert "root:" not in answer.text
@@ -168,7 +168,7 @@ def test_names_of_other_things_are_refused(name):
         safe_name(name)
 
 
-def test_an_upload_that_says_how_large_it_is_is_not_read(client):
+def test_an_upload_over_its_declared_bound_is_not_read(client):
     answer = client.post("api/open?name=a.png", content=b"x", headers={"content-length": str(10**12)})
     assert answer.status_code == 413
     assert "MiB" in answer.json()["error"]
@@ -223,7 +223,7 @@ def test_a_decompression_bomb_is_refused_and_the_picture_stays(client, opened, s
     assert opened.opened is picture
 
 
-def test_a_broken_file_is_told_in_a_line_without_a_path(client, opened, files):
+def test_a_broken_file_is_reported_in_one_line_without_a_path(client, opened, files):
     picture = opened.opened
     whole = (files / "photo.png").read_bytes()
     for content in (b"", b"no picture", whole[: len(whole) // 2]):
@@ -286,7 +286,7 @@ def test_a_session_opens_no_file_of_this_machine(client, opened, tmp_path):
         b'{"changes": {"x": {"y": 1}}}',
     ],
 )
-def test_odd_requests_are_told_so(client, opened, body):
+def test_odd_requests_get_an_error(client, opened, body):
     answer = client.post("api/change", content=body)
     assert answer.status_code in (400, 422)
     assert "error" in answer.json()
@@ -296,7 +296,7 @@ def test_a_long_request_is_cut_off(client, opened):
     assert client.post("api/change", content=bytes(3 * 2**20)).status_code == 413
 
 
-def test_a_helper_that_dies_is_told_and_the_next_picture_works(client, opened, frames):
+def test_a_helper_that_dies_is_reported_and_the_next_picture_works(client, opened, frames):
     opened.fine._process.kill()
     opened.fine._process.join()
     asked = {"width": 96, "height": 64, "client": "a"}
@@ -314,7 +314,7 @@ def test_a_task_that_takes_too_long_is_ended():
         process.stop()
 
 
-def test_the_redirect_page_may_open_the_page_and_nothing_else(client):
+def test_the_redirect_page_opens_only_the_page(client):
     """A browser names another site where a file leads to the studio (Fetch Metadata, W3C)."""
     headers = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
     del client.headers["origin"]

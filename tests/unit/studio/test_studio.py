@@ -19,13 +19,14 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
+from bokehnet.studio import looks
 from bokehnet.studio import session as studio_session
-from bokehnet.studio.display import to_rgba
-from bokehnet.studio.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.opened import Region
-from bokehnet.studio.panels import is_path, panels
+from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
+from bokehnet.studio.panels.panels import is_path, panels
+from bokehnet.studio.panels.wording import command_line, python_lines
+from bokehnet.studio.preview.display import to_rgba
 from bokehnet.studio.strokes import Stroke, painted
-from bokehnet.studio.wording import command_line, python_lines
 
 from .conftest import SIZE
 
@@ -62,7 +63,7 @@ def test_a_change_of_focus_comes_with_its_preview(client, opened, frames):
     assert header["focus_disparity"] == pytest.approx(1)
 
 
-def test_a_value_out_of_range_is_told_with_its_setting_and_changes_nothing(client, opened):
+def test_a_value_out_of_range_is_reported_with_its_setting_and_changes_nothing(client, opened):
     before = opened.settings
     answer = client.post("api/preview", json=ASKED | {"changes": {"camera": {"blur": -1}}})
     assert (answer.status_code, answer.json()["path"]) == (422, "camera.blur")
@@ -103,7 +104,7 @@ def test_a_newer_request_of_the_same_page_ends_the_one_before(opened):
     assert not second.is_set()
 
 
-def test_a_refinement_that_nobody_wants_returns_at_once(opened):
+def test_a_disabled_refinement_returns_at_once(opened):
     stop = threading.Event()
     threading.Timer(0.1, stop.set).start()
     begun = time.monotonic()
@@ -113,7 +114,7 @@ def test_a_refinement_that_nobody_wants_returns_at_once(opened):
     assert opened.fine.run(answer_at_once) == 42
 
 
-def test_a_fault_in_mid_render_is_told_and_the_next_picture_works(client, opened, frames, monkeypatch):
+def test_a_fault_in_mid_render_is_reported_and_the_next_picture_works(client, opened, frames, monkeypatch):
     whole = type(opened.previews).stages
 
     def broken(*given, **named):
@@ -437,7 +438,7 @@ def test_the_preview_shows_estimated_light_as_the_export(tmp_path, session, clie
 
 def test_depth_is_estimated_only_after_consent(client, session, files, monkeypatch):
     client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
-    monkeypatch.setattr(studio_session, "cached_file", lambda model: None)
+    monkeypatch.setattr(looks, "cached_file", lambda model: None)
     monkeypatch.delenv("BOKEHNET_DOWNLOADS", raising=False)
     monkeypatch.setattr(model_download, "cached_file", lambda model: None)
     monkeypatch.setattr(model_download, "download", lambda *_: pytest.fail("downloaded without consent"))
@@ -584,7 +585,7 @@ def test_undo_and_redo(client, opened):
     assert client.post("api/stroke", json={"stroke": dot}).json()["undone"] == 0
 
 
-def test_a_region_beside_the_border_is_the_part_of_the_whole(opened):
+def test_a_region_next_to_the_border_is_the_part_of_the_whole(opened):
     region = Region(x=60, y=40, width=36, height=24)
     part = opened.opened.view(SIZE, opened.settings, region)
     assert (part.image == opened.opened.scene.image[40:, 60:]).all()

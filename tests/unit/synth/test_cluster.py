@@ -37,7 +37,7 @@ def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_p
 
 
 @pytest.mark.slow
-def test_errors_of_a_scene_and_of_the_cluster_are_told_in_one_line(cluster, tmp_path):
+def test_errors_of_a_scene_and_of_the_cluster_are_reported_in_one_line(cluster, tmp_path):
     config = load_config("configs/synth_tiny.toml", SynthConfig)
     with pytest.raises(ParameterError, match="workers with cores"):
         write_dataset(config, tmp_path / "none", cluster=cluster.address)

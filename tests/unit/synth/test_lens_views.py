@@ -27,7 +27,7 @@ def mean_slope(rays, depth):
 
 
 @pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
-def test_what_is_sharp_stands_where_a_pinhole_shows_it(name):
+def test_sharp_surfaces_are_where_a_pinhole_shows_them(name):
     """Authority: the pinhole's perspective; what is left is coma, under 0.7 pixels of 256."""
     lens = make_training_lens(name, PUPIL, FOCUS, 1.0, DISTANCE)
     sensor = np.array([[0.0, 0.0], [9.0, 0.0], [-12.0, 12.0], [18.0, 18.0]])
@@ -36,7 +36,7 @@ def test_what_is_sharp_stands_where_a_pinhole_shows_it(name):
 
 
 @pytest.mark.parametrize("depth", [1500.0, 8000.0])
-def test_blur_is_that_of_the_wanted_pupil(depth):
+def test_blur_is_that_of_the_requested_pupil(depth):
     """Authority: the blur formula; two stops closed, aberrations change it by a few percent."""
     lens = make_training_lens("double_gauss", PUPIL, FOCUS, 2.0, DISTANCE)
     rays = beams(lens, [[0.0, 0.0]])

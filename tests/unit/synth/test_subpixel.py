@@ -23,7 +23,7 @@ def test_filters_are_plain_means_and_gaussians_of_the_widths_of_cameras():
 
 
 @pytest.mark.parametrize("kind", ["planes", "clutter"])
-def test_fine_disparity_lies_around_that_of_the_pixels(kind):
+def test_fine_disparity_is_close_to_that_of_the_pixels(kind):
     """The centre of a pixel lies between four fine ones, all of which see what it sees, but at edges."""
     sample = make_sample(replace(SMALL, kind=kind), 0)
     assert sample.image.shape == (40, 48, 3)
@@ -36,7 +36,7 @@ def test_fine_disparity_lies_around_that_of_the_pixels(kind):
     ).mean() > 0.97  # not where hairs lie between
 
 
-def test_without_it_there_is_none():
+def test_without_the_file_there_is_no_value():
     assert make_sample(replace(SMALL, fine=0, views=1, bokeh_samples=1), 0).fine_disparity.size == 0
 
 

@@ -25,7 +25,7 @@ def pair(aperture, blur=0.35, focus=30.0):
 
 
 @pytest.mark.slow
-def test_a_pair_tells_blur_focus_and_opening():
+def test_a_pair_names_blur_focus_and_aperture():
     """Authority: the scatter that made it; each within 5 % of its range."""
     truth = Aperture(blades=6, curvature=0.2, rotation=10.0, spherical_profile=0.3, cats_eye=0.5)
     found = fit_pair(*pair(truth), blades=(0, 6))

@@ -13,7 +13,7 @@ from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_checkpoint, load_network, load_weights, save_checkpoint
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.synth.shards import ShardSet, decode_sample, encode_sample
-from tests.unit.train.test_loop import config_of, start
+from tests.unit.train.run.test_loop import config_of, start
 from train.data.crops import DataConfig, PreparedCrops
 from train.data.examples import Examples
 from train.data.prepared import PreparedSet, part_name

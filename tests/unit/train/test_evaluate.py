@@ -41,7 +41,7 @@ def test_scores_are_of_the_corrupted_render_by_the_true_edges(tiny_pairs):
     assert eroded.scores["psnr"] != clean.scores["psnr"]
 
 
-def test_the_disparity_is_mended_once_for_all_methods(tiny_pairs, monkeypatch):
+def test_the_disparity_is_repaired_once_for_all_methods(tiny_pairs, monkeypatch):
     """A repair that knows the truth makes of every disparity the clean one."""
     picture = list_pictures("shards", tiny_pairs)[0]
     true, calls = picture.read().defocus, []

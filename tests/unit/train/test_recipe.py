@@ -136,7 +136,7 @@ def test_a_share_lessens_scenes_and_steps_and_leaves_what_they_are_made_into():
             recipe.with_share(share)
 
 
-def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew():
+def test_a_seed_applies_to_all_trainings_and_restarts_them():
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
     other = recipe.with_seed(5)
     assert other.command(other.steps[2])[-2:] == ["--set", "optim.seed=5"]
@@ -173,7 +173,7 @@ def finished(progress: Progress, *numbers: int) -> None:
         progress.end(step, done=True)
 
 
-def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path):
+def test_a_step_is_done_if_it_and_its_inputs_match_the_request(tmp_path):
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
     finished(Progress(recipe, tmp_path), 0, 1, 2, 3)
     assert all(map(Progress(recipe, tmp_path).done, recipe.steps))
@@ -183,7 +183,7 @@ def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path
     assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, False, True, True]
 
 
-def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_path):
+def test_a_training_with_changed_settings_is_not_resumed(tmp_path):
     """What its own configuration says is the same; an export would be made anew."""
     fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)

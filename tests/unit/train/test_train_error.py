@@ -52,7 +52,7 @@ def test_an_example_holds_the_renders_of_its_pair(rays_set, tiny_pairs):
     assert_allclose(found["scatter"].transpose(1, 2, 0), wanted.scatter, rtol=2e-3, atol=2e-3)
 
 
-def test_a_window_holds_what_stands_there_in_the_whole(rays_set):
+def test_a_window_equals_that_part_of_the_whole(rays_set):
     """Oracle: the parts of the whole example; the scatter of a window knows what spreads into it."""
     planes = ErrorCrops(config_for(rays_set)).sets[0][2]
     rows, columns = slice(8, 40), slice(16, 48)
@@ -83,7 +83,7 @@ def test_the_loss_is_least_where_the_mean_error_is_expected():
     assert float(tried[int(np.argmin(losses))]) == pytest.approx(float(errors.mean()), abs=0.06)
 
 
-def test_reliability_tells_what_was_expected_and_what_came():
+def test_reliability_lists_expected_and_measured_errors():
     expected = np.linspace(1, 20, 200)
     pairs = reliability(expected[::-1], 2 * expected[::-1])
     assert len(pairs) == 10

@@ -38,7 +38,7 @@ def test_upright_planes_are_the_slices_and_what_is_between_is_a_mixture():
     assert np.allclose(space.view(FocusPlane(level=0.1875)), mean, atol=1e-6)
 
 
-def test_bad_input_is_told():
+def test_bad_input_is_reported():
     image, disparity = np.zeros((8, 9, 3), np.float32), np.zeros((8, 9))
     with pytest.raises(ShapeError, match="disparity"):
         image_space(image, disparity[1:], 5.0, (0, 1))

@@ -132,7 +132,7 @@ def test_subsamples_see_past_an_edge_what_is_nearer_first():
     assert found[8, 22, 0] == 0
 
 
-def test_bad_meshes_and_views_are_told():
+def test_bad_meshes_and_views_are_reported():
     with pytest.raises(ParameterError, match="levels"):
         MeshObject(levels=())
     with pytest.raises(ParameterError, match="levels"):

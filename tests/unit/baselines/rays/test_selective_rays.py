@@ -248,7 +248,7 @@ def whole_defocus(depth):
     return (LENS.coc_radius(1 / depth) / PITCH).astype(np.float32)
 
 
-def test_a_mask_of_ones_own_says_who_sends_rays():
+def test_a_custom_mask_selects_the_pixels_that_send_rays():
     image, depth, normals = pinhole()
     share = np.zeros(depth.shape)
     share[:, WIDTH // 2 - 4 : WIDTH // 2 + 4] = 1

@@ -183,7 +183,7 @@ def test_a_merged_light_is_the_mean_of_its_pixels():
     assert decibel(whole, np.mean(single, axis=0), 1 / (np.pi * 34**2)) > 38
 
 
-def test_a_faint_character_is_close_to_none():
+def test_a_weak_character_is_close_to_no_effect():
     plain = draw(point(*LIGHT), (SIZE, SIZE))
     level = 1 / (np.pi * LIGHT[2] ** 2)
     faint = draw(point(*LIGHT), (SIZE, SIZE), lens_response=lens(spherical=1e-3))

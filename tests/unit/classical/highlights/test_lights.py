@@ -55,7 +55,7 @@ def test_a_light_gives_what_nearer_layers_leave_of_it():
     np.testing.assert_allclose(separate_lights(layers)[1][:, 3:6], 0.75 * whole[:, 3:6], rtol=1e-4)
 
 
-def test_a_light_is_an_even_disc_clipped_by_what_stands_before_it():
+def test_a_light_is_an_even_disc_clipped_by_its_occluder():
     image, defocus = night()
     got = rays(image, defocus)[..., 0] - 0.01
     y, x = np.mgrid[:96, :96]
@@ -98,7 +98,7 @@ def test_of_too_many_lights_the_brightest_are_taken():
     assert image[..., 0][taken > 0].min() >= image[..., 0][(taken == 0) & (image[..., 0] > 1)].max()
 
 
-def test_one_light_more_takes_none_of_the_others_away():
+def test_an_additional_light_keeps_the_others():
     """The raised limit moves by the place between two lights, not by a light."""
     image, defocus = many_lights()
     more = image.copy()
@@ -113,7 +113,7 @@ def test_one_light_more_takes_none_of_the_others_away():
     assert abs(change).max() < 1.0
 
 
-def test_lights_tell_how_far_they_are(monkeypatch):
+def test_lights_have_their_depth(monkeypatch):
     """Each disc of radius 6 to 8 covers more than 100 pixels, so that none shares a batch with another."""
     monkeypatch.setattr("bokehnet.classical.highlights.lights._FLOATS", 100)
     lights = np.concatenate([point(12, 30, 6.0), point(30, 30, 7.0), point(48, 30, 8.0)])

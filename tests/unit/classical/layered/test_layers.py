@@ -22,7 +22,7 @@ def edge(share, labelled_front):
 @pytest.mark.parametrize(
     ("share", "labelled_front"), [(0.88, True), (0.95, True), (0.12, False), (0.1, False)]
 )
-def test_a_mixed_pixel_is_parted(share, labelled_front):
+def test_a_mixed_pixel_is_unmixed(share, labelled_front):
     layers = split_layers(*edge(share, labelled_front))
     assert abs(layers.coverage[6, 10, 0] - share) < 0.03
     np.testing.assert_allclose(layers.colors[6, 10, 0], GREEN, atol=0.05)
@@ -88,7 +88,7 @@ def test_there_is_no_third_layer_where_nothing_is_hidden_twice():
     assert split_layers(*edge(0.7, True)).defocus.shape[2] == 2
 
 
-def test_the_stages_of_the_work_are_told_in_order():
+def test_the_stages_of_the_work_are_reported_in_order():
     shares = []
     told, _ = split_picture(*edge(0.6, True), progress=shares.append)
     untold, _ = split_picture(*edge(0.6, True))

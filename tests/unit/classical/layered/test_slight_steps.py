@@ -83,7 +83,7 @@ def test_what_belongs_to_either_surface_is_nearer_to_it():
     assert half_step(5.0, 0.0) == 1.0
 
 
-def test_a_slight_step_keeps_what_stands_farther_behind():
+def test_a_slight_step_keeps_the_farther_background():
     """A foreground of two depths hides a far background: no hole is made in it near its edge."""
     image = np.random.default_rng(3).uniform(0, 1, (HEIGHT, WIDTH, 3)).astype(np.float32)
     defocus = np.zeros((HEIGHT, WIDTH), np.float32)

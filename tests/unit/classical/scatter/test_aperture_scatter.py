@@ -275,7 +275,7 @@ def test_single_precision_is_close_to_double():
         assert_allclose(single, exact, atol=3e-5)
 
 
-def test_black_stays_black_beside_a_strong_highlight():
+def test_black_stays_black_next_to_a_strong_highlight():
     """No running sums, no streaks: a pixel that the shape does not reach gets exactly nothing."""
     spread = 1e6 * one_point(20.0, WHOLE["straight"], np.float32)
     y, x = np.indices(spread.shape) - len(spread) // 2

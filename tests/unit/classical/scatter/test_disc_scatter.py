@@ -44,7 +44,7 @@ def test_spread_equals_the_sum_of_all_windows(shape):
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4, 5, 9])
-def test_any_number_of_channels_is_spread_alike(channels):
+def test_any_number_of_channels_is_spread_equally(channels):
     values, defocus = random_inputs(30, 20, 6, channels)
     together = scatter_forward(values, defocus)
     for c in range(channels):

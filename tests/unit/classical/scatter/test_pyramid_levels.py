@@ -93,7 +93,7 @@ def test_sources_at_jumps_and_small_discs_stay_on_their_level():
         assert_array_equal(scatter_forward(values, defocus), spread_on_one_level(values, defocus))
 
 
-def test_work_per_level_shrinks_and_the_operator_is_told_where_it_is():
+def test_work_per_level_shrinks_and_the_operator_is_named():
     """What keeps large blur cheap: no level but the last sees a disc above the threshold."""
     seen = []
 

@@ -270,7 +270,7 @@ def test_sharp_pixels_keep_their_value_and_their_gradient(device):
     assert_array_equal(array(inputs[1].grad), 0)
 
 
-def test_largest_radii_reach_everything_alike(device):
+def test_largest_radii_spread_evenly_over_everything(device):
     inputs = tensors(device, np.ones((6, 8, 1)), np.full((6, 8), 2 * LARGEST_RADIUS))
     sums = scatter_level(*inputs)
     sums.sum().backward()

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.image import write_image
 from bokehnet.io.maps import read_depth, read_map
-from tests.unit.io import phone_files as files
+from tests.unit.io.depth import phone_files as files
 
 HEIGHT, WIDTH = 48, 64
 MAP = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))
@@ -101,7 +101,7 @@ def test_a_heic_photo_gives_its_own_map_or_that_of_a_network(cli, network, photo
         ),
     ],
 )
-def test_a_mistake_is_told_in_one_line_and_nothing_is_written(cli, network, photo, arguments, words):
+def test_a_mistake_is_reported_in_one_line_and_nothing_is_written(cli, network, photo, arguments, words):
     before = sorted(photo.iterdir())
     outcome = cli("depth", *arguments)
     assert (outcome.code, outcome.out) == (1, "")

@@ -5,7 +5,7 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.frame import read_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.info import image_info
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 
 def test_info_describes_a_photo(tmp_path, cli):
@@ -16,7 +16,7 @@ def test_info_describes_a_photo(tmp_path, cli):
         assert text in outcome.out
 
 
-def test_info_tells_the_depth_range_without_the_sky(tmp_path, cli):
+def test_info_prints_the_depth_range_without_the_sky(tmp_path, cli):
     import OpenImageIO as oiio  # noqa: N813
 
     path = str(tmp_path / "z.exr")
@@ -56,7 +56,7 @@ def test_info_names_the_colour_space_of_maps_and_exr(tmp_path):
     assert (found.pixel_type, found.color_space, found.ranges, found.parts) == ("half", "linear", {}, 1)
 
 
-def test_info_tells_why_a_profile_is_refused_and_all_else(tmp_path, cli):
+def test_info_prints_the_reason_for_a_refused_profile_and_the_rest(tmp_path, cli):
     """A profile that is a table, as printers have them."""
     table = profiles.profile(b"RGB ", {b"desc": profiles.named("lut"), b"A2B0": b"mft2"})
     Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")  # noqa: N806

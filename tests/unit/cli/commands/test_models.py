@@ -198,7 +198,7 @@ def test_a_download_that_breaks_off_leaves_nothing_that_counts(run, hub, tmp_pat
         ({}, {"files": {}}, ["has no onnx/model.onnx of tests/tiny"]),
     ],
 )
-def test_what_hinders_a_download_is_told_in_one_line(run, hub, tmp_path, variables, change, words):
+def test_obstacles_of_a_download_are_reported_in_one_line(run, hub, tmp_path, variables, change, words):
     for name, value in change.items():
         setattr(hub, name, value)
     done = run("models", "tiny", "--get", **variables)
@@ -229,7 +229,7 @@ def test_an_unknown_name_lists_the_known_ones(run):
 
 
 @pytest.mark.slow
-def test_a_convention_beside_a_named_network_is_refused(run):
+def test_a_convention_with_a_named_network_is_refused(run):
     run("models", "tiny", "--get")
     done = run(*DEPTH, "--convention", "marigold")
     assert (done.returncode, "whose convention is midas" in done.stderr) == (1, True)

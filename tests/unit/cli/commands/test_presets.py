@@ -26,7 +26,7 @@ def rendered(scene: Path, *options: str) -> np.ndarray:
     return read_image(scene / "out.exr")
 
 
-def test_the_list_tells_what_each_is(capsys):
+def test_the_list_describes_each_entry(capsys):
     assert run(["presets"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == len(presets())
@@ -53,7 +53,7 @@ def spelled(option: str, value) -> list[str]:
     return [f"--{option}"] if value is True else [f"--{option}", str(value)]
 
 
-def test_an_option_beside_it_prevails(scene):
+def test_an_option_overrides_it(scene):
     preset = scene / "mine.toml"
     preset.write_text('description = "mine"\nblades = 5\ncats-eye = 0.5\n')
     found = rendered(scene, "--preset", str(preset), "--blades", "7")

@@ -12,7 +12,7 @@ def known():
     return {(name, types) for name, kernel in KERNELS.items() for types in kernel.machine_code}
 
 
-def test_it_says_how_many_kernels_are_ready(cli, no_bar):
+def test_it_reports_how_many_kernels_are_ready(cli, no_bar):
     outcome = cli("warm-up", "--all")
     assert (outcome.code, outcome.err) == (0, "")
     found = re.fullmatch(r"ready: (\d+) kernels shipped precompiled, (\d+) compiled by numba\n", outcome.out)

@@ -37,7 +37,7 @@ def test_a_sharp_picture_needs_its_disparity(cli, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_pair_tells_blur_and_focus_as_options_take_them(cli, tmp_path, no_bar, monkeypatch):
+def test_a_pair_names_blur_and_focus_in_option_units(cli, tmp_path, no_bar, monkeypatch):
     """Authority: the scatter that blurred the picture; blades are tried in ``test_pair_fit.py``."""
     monkeypatch.setattr(pair_fit, "fit_pair", partial(pair_fit.fit_pair, blades=(0,)))
     rng = np.random.default_rng(0)

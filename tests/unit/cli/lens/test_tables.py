@@ -33,7 +33,7 @@ def test_a_table_is_written_and_rendered_with(cli, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_lens_becomes_a_preset_beside_its_table(cli, tmp_path, no_bar):
+def test_a_lens_becomes_a_preset_with_its_table(cli, tmp_path, no_bar):
     outcome = cli("lens", "preset", "biconvex", "-o", tmp_path / "mine.toml")
     assert (outcome.code, outcome.err) == (0, "")
     assert re.search(r"correlation with traced points 0\.9\d+", outcome.out)

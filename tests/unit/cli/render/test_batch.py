@@ -68,7 +68,7 @@ def test_finished_pictures_are_kept(photos, cli):
         ),
     ],
 )
-def test_what_is_no_batch_is_told_in_a_line(photos, cli, words, told):
+def test_an_invalid_batch_is_reported_in_one_line(photos, cli, words, told):
     outcome = cli("render", *words, "--constant-disparity", "0.5", *WORDS)
     assert outcome.code == 1
     assert told in outcome.err

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engine_registry import ENGINES
 from bokehnet.io.image import read_image, write_image, write_map
@@ -19,6 +19,11 @@ SCATTER = ("--engine", "scatter")
 EXACT = ("--repair-disparity", "off")  # the picture is noise, nothing to follow
 RELATIVE = ("render", "photo.png", "--disparity", "disparity.png", *EXACT)
 METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA, *EXACT)
+
+
+def scatter_of(image, defocus, aperture=None):
+    """Return the picture of the classical renderer."""
+    return render_scatter(image, defocus, aperture).bokeh
 
 
 @pytest.fixture
@@ -44,7 +49,7 @@ def test_disparity_blur_and_focus_give_the_scatter_of_the_bokehme_formula(render
     bokeh, defocus = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
     wanted = (6 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
     assert_allclose(defocus, wanted, atol=1e-6)
-    assert_allclose(bokeh, scatter(read_image("photo.png"), wanted), rtol=HALF, atol=1e-5)
+    assert_allclose(bokeh, scatter_of(read_image("photo.png"), wanted), rtol=HALF, atol=1e-5)
 
 
 @pytest.mark.parametrize(("pixel", "focus"), [("0,0", 0.0), ("30,5", 102 / 255), ("63, 39", 1.0)])
@@ -146,7 +151,7 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
 
 def test_max_memory_renders_in_strips_to_the_same_picture(folder, cli, monkeypatch):
     """Oracle: the whole picture at once, which needs 2 MB (70 bytes a pixel)."""
-    monkeypatch.setattr("bokehnet.render.memory_bounds.PROGRAM", 0)
+    monkeypatch.setattr("bokehnet.render.exposure.memory_bounds.PROGRAM", 0)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     write_image("tall.png", tall)
     write_map("tall_map.png", np.linspace(0, 1, 600 * 48).reshape(600, 48))
@@ -211,7 +216,7 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-4)  # focus: median of a patch
 
 
-def test_without_output_the_result_is_beside_the_picture_and_never_replaces_a_file(folder, cli):
+def test_without_output_the_result_is_next_to_the_picture_and_never_replaces_a_file(folder, cli):
     """Rule: photo_bokeh.png, then photo_bokeh_2.png; the same picture as with -o."""
     words = (*RELATIVE, *SCATTER, "--blur", 6, "--focus", 0.4, "-q")
     assert cli(*words, "-o", "wanted.png").code == 0

@@ -3,8 +3,7 @@
 import pytest
 
 from bokehnet.cli.render import large_blur
-from bokehnet.cli.render.large_blur import expected_seconds, large_blur_notice, largest_set_blur
-from bokehnet.settings.settings import RenderSettings
+from bokehnet.cli.render.large_blur import expected_seconds, large_blur_notice
 
 WORDS = (
     "render",
@@ -29,19 +28,10 @@ def test_the_time_rises_with_pixels_and_radius_up_to_the_longer_side():
     assert expected_seconds("rays", 400, 200, 50) == pytest.approx(4 * expected_seconds("rays", 200, 100, 50))
 
 
-@pytest.mark.parametrize(
-    ("camera", "focus", "radius"),
-    [({"blur": 40}, {"value": 0.25}, 30), ({"blur": 40}, {"at": [1, 1]}, 40), ({"strength": 90}, {}, 0)],
-)
-def test_the_radius_that_settings_define(camera, focus, radius):
-    table = {"input": {"disparity": "a.png"}, "camera": camera, "focus": focus}
-    assert largest_set_blur(RenderSettings().updated(table)) == radius
-
-
-def test_a_large_blur_warns_where_nobody_can_answer(folder, cli):
+def test_a_large_blur_warns_without_a_terminal(folder, cli):
     outcome = cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png")
     assert outcome.code == 0
-    assert "blur up to 60 px, 94 % of the width: expect about 1 s" in outcome.err.splitlines()[0]
+    assert "blur up to 60 px, 94 % of the width: expect about 1 s" in outcome.err
     assert cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png", "-q").err == ""
     assert "expect about" not in cli(*WORDS, "--blur", 9, "--focus", 0.4, "-o", "out.png").err
 

@@ -16,7 +16,7 @@ CAMERA = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
 SEQUENCE = ("render", "photo.png", "--disparity", "disparity.png", *SCATTER[:-1], "out.##.png")
 
 
-def test_one_line_tells_size_engine_focus_blur_repair_and_time(folder, cli):
+def test_one_line_names_size_engine_focus_blur_repair_and_time(folder, cli):
     """Authority: the largest |blur * (disparity - focus)| is 6 * (1 - 0.4) = 3.6 pixels."""
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off")
     assert (outcome.code, outcome.out) == (0, "")
@@ -27,18 +27,18 @@ def test_one_line_tells_size_engine_focus_blur_repair_and_time(folder, cli):
     assert re.fullmatch(told, outcome.err)
 
 
-def test_the_repair_is_told_with_its_reason(folder, cli):
+def test_the_repair_is_reported_with_its_reason(folder, cli):
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "on")
     assert "map repaired (asked for)" in outcome.err
 
 
-def test_distances_are_told_in_metres(folder, cli):
+def test_distances_are_reported_in_metres(folder, cli):
     outcome = cli(*METRIC, *CAMERA, "--focus-distance", 2.5)
     assert outcome.code == 0
     assert "64x40, rays, focus at 2.5 m, blur up to " in outcome.err
 
 
-def test_quiet_says_nothing(folder, cli):
+def test_quiet_prints_nothing(folder, cli):
     outcome = cli(*RELATIVE, "--focus", 0.4, "--quiet")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
 
@@ -77,7 +77,7 @@ def test_json_is_one_object_on_stdout(folder, cli):
     }
 
 
-def test_the_pixel_filter_is_told_where_pixels_are_parted(folder, cli):
+def test_the_pixel_filter_is_reported_for_unmixed_pixels(folder, cli):
     rays = ("render", "photo.png", "--disparity", "disparity.png", "--engine", "rays", "--blur", 6)
     asked = (*rays, "--focus", 0.4, "-o", "out.png", "--repair-disparity", "off", "--pixel-filter", "arnold")
     outcome = cli(*asked, "-v")
@@ -92,7 +92,7 @@ def test_quiet_and_verbose_contradict_each_other(fails):
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_json_of_a_sequence_tells_every_frame(folder, cli, jobs):
+def test_json_of_a_sequence_lists_every_frame(folder, cli, jobs):
     shutil.copy(folder / "photo.png", folder / "out.02.png")
     words = ("--focus", 0.4, "--frames", "1-3", "--jobs", jobs, "--json")
     outcome = cli(*SEQUENCE, *words)
@@ -102,7 +102,7 @@ def test_json_of_a_sequence_tells_every_frame(folder, cli, jobs):
     assert found["frames"]["3"]["output"] == "out.03.png"
 
 
-def test_json_of_a_sequence_tells_what_failed(folder, cli):
+def test_json_of_a_sequence_lists_failures(folder, cli):
     (folder / "photo.01.png").write_bytes((folder / "photo.png").read_bytes())
     words = ("--focus", 0.4, "--frames", "1-2", "--json")
     outcome = cli("render", "photo.##.png", *SEQUENCE[2:], *words)
@@ -112,7 +112,7 @@ def test_json_of_a_sequence_tells_what_failed(folder, cli):
     assert "photo.02.png" in found["failed"]["2"]
 
 
-def test_verbose_tells_every_frame_of_a_sequence(folder, cli):
+def test_verbose_lists_every_frame_of_a_sequence(folder, cli):
     outcome = cli(*SEQUENCE, "--focus", 0.4, "--frames", "1-2", "-v")
     lines = [line for line in outcome.err.splitlines() if line.startswith("bokehnet")]
     assert [line[:18] for line in lines] == ["bokehnet: frame 1:", "bokehnet: frame 2:", "bokehnet: 2 frames"]
@@ -124,6 +124,6 @@ def test_what_was_not_found_is_left_out():
     assert summary.line() == "a.png: 8x6, rays, blur up to 160 px, map unchanged, 1.3 s"
 
 
-def test_no_blur_is_told_without_a_sign(folder, cli):
+def test_zero_blur_is_printed_without_a_sign(folder, cli):
     outcome = cli(*RELATIVE, "--blur", 0, "--focus", 1, "--repair-disparity", "off")
     assert "blur up to 0 px" in outcome.err

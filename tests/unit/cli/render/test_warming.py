@@ -44,7 +44,7 @@ def test_the_picture_is_the_same(folder, cli):
     np.testing.assert_array_equal(read_image("out.exr"), wanted)
 
 
-def test_a_mistake_in_it_is_not_told_twice(capfd):
+def test_a_mistake_is_reported_once(capfd):
     class Broken(Renderer):
         def warm_up(self, settings=None):
             raise ZeroDivisionError

@@ -38,7 +38,7 @@ def test_sharp_edges_and_slopes_do_not_change():
 
 
 @pytest.mark.parametrize("length", [40, 60])
-def test_an_edge_is_sharpened_beside_an_equally_steep_slope_that_does_not_change(length):
+def test_an_edge_is_sharpened_and_an_equally_steep_slope_stays(length):
     """A wall towards the camera rises as much as an edge within a few pixels, but continues."""
     wall = np.broadcast_to(np.linspace(0, 1, length, dtype=np.float32), (60, length))
     y = np.arange(60)[:, None]

@@ -107,7 +107,7 @@ def test_a_net_is_restored_from_its_crossings():
     assert (restore_thin_structures(picture, worn, LEAST) != truth)[inner].mean() < 0.5 * lost
 
 
-def test_a_line_of_another_colour_beside_restored_lines_is_not_restored():
+def test_a_line_of_another_colour_next_to_restored_lines_stays():
     """For example, mortar behind a net that the repair has mistaken for a crossing of the net."""
     picture, truth = wire_fence()
     for row in (30, 66):

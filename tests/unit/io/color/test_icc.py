@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import COLOR_SPACES, LINEAR_REC709, SRGB, convert
 from bokehnet.io.color.icc import make_profile, read_profile
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 # LittleCMS works in 16 bits here and hands out 8: half a level of rounding, and a little of its own.
 LEVELS = 0.75
@@ -110,14 +110,14 @@ def test_a_linear_profile_is_linear():
         (profiles.matrix_profile(profiles.P3, [profiles.parametric(3, 0, 1, 0, 1, 0)] * 3), "does not rise"),
     ],
 )
-def test_what_cannot_be_followed_is_told_with_the_way_out(profile, reason):
+def test_a_track_that_is_lost_is_reported_with_the_way_out(profile, reason):
     with pytest.raises(
         ImageFileError, match=f"^a.jpg: .*{reason}.*convert the picture to sRGB or Display P3"
     ):
         read_profile(profile, "a.jpg")
 
 
-def test_a_table_beside_the_matrix_is_told():
+def test_a_table_next_to_the_matrix_is_reported():
     both = profiles.matrix_profile(profiles.P3, [profiles.gamma(2)] * 3, "both", A2B0=b"mft2" + bytes(8))
     assert "both" in read_profile(both, "a.jpg").note
     assert read_profile(profiles.KNOWN["p3"], "a.jpg").note == ""

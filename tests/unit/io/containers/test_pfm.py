@@ -37,7 +37,7 @@ def test_colour_is_linear_light(tmp_path, scale):
     assert_array_equal(read_image(tmp_path / "a.pfm"), COLOUR)
 
 
-def test_the_content_tells_the_format(tmp_path):
+def test_the_content_determines_the_format(tmp_path):
     (tmp_path / "depth.data").write_bytes(by_hand("Pf", np.abs(GREY), -1))
     assert_array_equal(read_depth(tmp_path / "depth.data", unit="mm"), np.abs(GREY))
 
@@ -59,7 +59,7 @@ def test_pillow_reads_what_is_written(tmp_path):
     assert_array_equal(np.asarray(Image.open(tmp_path / "a.pfm")), values)
 
 
-def test_colour_is_written_as_told(tmp_path):
+def test_colour_is_written_as_requested(tmp_path):
     write_image(tmp_path / "a.pfm", COLOUR)
     assert (tmp_path / "a.pfm").read_bytes() == by_hand("PF", COLOUR, -1.0)
     found = image_info(tmp_path / "a.pfm")
@@ -78,13 +78,13 @@ def test_colour_is_written_as_told(tmp_path):
         (b"Pf\n999999999 999999999\n-1\n" + bytes(72), "truncated"),
     ],
 )
-def test_damage_is_told(tmp_path, content, reason):
+def test_damage_is_reported(tmp_path, content, reason):
     (tmp_path / "a.pfm").write_bytes(content)
     with pytest.raises(ImageFileError, match=reason):
         read_image(tmp_path / "a.pfm")
 
 
-def test_nan_is_told(tmp_path):
+def test_nan_is_reported(tmp_path):
     (tmp_path / "a.pfm").write_bytes(by_hand("PF", COLOUR * np.float32(np.nan), -1))
     with pytest.raises(ImageFileError, match="6 pixels are NaN"):
         read_image(tmp_path / "a.pfm")

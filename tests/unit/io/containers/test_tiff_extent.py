@@ -72,7 +72,7 @@ def test_pages_that_lead_in_a_circle_end(tmp_path):
 
 
 @pytest.mark.parametrize("place", [2**62, 2**63, 2**64 - 1])
-def test_a_page_that_lies_beyond_every_file_is_none(place, tmp_path):
+def test_a_page_beyond_every_file_does_not_exist(place, tmp_path):
     path = tmp_path / "a.tif"
     big(path)
     data = bytearray(path.read_bytes())

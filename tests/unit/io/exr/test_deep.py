@@ -14,7 +14,7 @@ from bokehnet.io.exr.deep_chunks import DeepSamples
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.maps import read_depth, read_map
 from bokehnet.io.pixels import ImageFile
-from tests.unit.io.exr_files import deep_samples, read_spec, write_deep
+from tests.unit.io.exr.exr_files import deep_samples, read_spec, write_deep
 
 STORED = [(tile, compression) for tile in (0, 8, 7) for compression in ("none", "rle", "zips")]
 
@@ -44,7 +44,7 @@ def test_samples_come_as_they_were_written(tmp_path, tile, compression):
 
 
 @pytest.mark.parametrize(("tile", "compression"), STORED)
-def test_points_are_laid_over_each_other(tmp_path, tile, compression):
+def test_points_are_composited(tmp_path, tile, compression):
     """Authority: a loop over the samples of each pixel, Porter and Duff's over."""
     pixels = deep_samples()
     path = write_deep(tmp_path / "a.exr", pixels, tile=tile, compression=compression)

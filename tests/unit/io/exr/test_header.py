@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr.header import Attribute, channel_sizes, is_exr, read_headers
-from tests.unit.io.exr_files import write_exr
+from tests.unit.io.exr.exr_files import write_exr
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ from bokehnet.errors import DataFileError, ImageFileError
 from bokehnet.io.files.atomic import check_target, write_atomic
 
 
-def test_the_file_appears_whole_and_nothing_else_is_left(tmp_path):
+def test_the_file_appears_whole_and_no_temporary_file_stays(tmp_path):
     write_atomic(tmp_path / "a.json", lambda temporary: temporary.write_text("new"))
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
     assert (tmp_path / "a.json").read_text() == "new"
 
 
-def test_the_temporary_file_is_hidden_beside_the_target_with_its_extension(tmp_path):
+def test_the_temporary_file_is_hidden_in_the_folder_of_the_target_with_its_extension(tmp_path):
     seen = []
     write_atomic(tmp_path / "a.exr", seen.append)
     assert seen[0].parent == tmp_path
@@ -44,7 +44,7 @@ def test_a_crash_in_the_middle_keeps_the_older_file(tmp_path, problem):
         assert caught.value is problem
 
 
-def test_a_full_disk_is_the_asked_error_and_keeps_the_older_file(tmp_path, python_process):
+def test_a_full_disk_raises_the_given_error_and_keeps_the_older_file(tmp_path, python_process):
     """A limit on the file size stands for the full disk: the kernel refuses the write in the same place."""
     target = tmp_path / "a.bin"
     target.write_bytes(b"old")
@@ -80,7 +80,7 @@ except ImageFileError as error:
     assert os.listdir(tmp_path) == []
 
 
-def test_the_mode_is_that_of_the_older_file_else_of_the_umask(tmp_path):
+def test_the_mode_is_that_of_the_older_file_or_of_the_umask(tmp_path):
     def mode(path):
         return stat.S_IMODE(path.stat().st_mode)
 
@@ -102,7 +102,7 @@ def test_a_symbolic_link_is_followed(tmp_path):
     assert (tmp_path / "store" / "real.txt").read_text() == "new"
 
 
-def test_check_target_names_what_stands_in_the_way(tmp_path, monkeypatch):
+def test_check_target_names_the_obstacle(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     for target, reason in (
         (tmp_path, "found a folder"),

@@ -15,7 +15,7 @@ from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import check_writable, read_image, write_image
 from bokehnet.io.metadata.exif import read_directory
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif, packet
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
@@ -115,7 +115,7 @@ def test_quality_and_subsampling_are_heard(tmp_path, extension):
 
 
 @pytest.mark.parametrize(("extension", "module"), [(".avif", "PIL"), (".heic", "pillow_heif")])
-def test_without_the_encoder_one_line_tells_the_way_out(tmp_path, monkeypatch, extension, module):
+def test_without_the_encoder_one_line_names_the_way_out(tmp_path, monkeypatch, extension, module):
     monkeypatch.setattr(whole_picture, "_writes_avif", lambda: False)
     monkeypatch.setattr(whole_picture, "_writes_heic", lambda: False)
     with pytest.raises(ImageFileError, match=rf"the installed {module} has no encoder.*or write \.jxl"):

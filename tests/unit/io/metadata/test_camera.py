@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.io.frame import read_frame
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
-from tests.unit.io.exr_files import write_exr
+from tests.unit.io.exr.exr_files import write_exr
 
 
 def test_standard_attributes_of_openexr():
@@ -101,7 +101,7 @@ def test_the_width_of_a_phones_sensor_follows_from_the_35_mm_equivalent():
     ("resolution", "unit", "width"),
     [(6000 / 36 * 25.4, 2, 36), (6000 / 36 * 25.4, None, 36), (6000 / 36 * 10, 3, 36), (6000 / 36, 4, 36)],
 )
-def test_else_it_follows_from_the_resolution_of_the_focal_plane(resolution, unit, width):
+def test_sensor_width_follows_from_the_focal_plane_resolution(resolution, unit, width):
     """CIPA DC-008, FocalPlaneResolutionUnit: 2 inch (the default), 3 cm."""
     tags = {"Exif:FocalPlaneXResolution": resolution}
     if unit:

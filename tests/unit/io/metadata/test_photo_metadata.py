@@ -15,7 +15,7 @@ from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
 from bokehnet.io.metadata.exif import read_directory, refreshed_exif
 from bokehnet.io.metadata.xmp import STANDARD_XMP
-from tests.unit.io import profiles
+from tests.unit.io.color import profiles
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
 PngImagePlugin = pytest.importorskip("PIL.PngImagePlugin", reason="writes test files with Pillow")
@@ -221,7 +221,7 @@ def test_xmp_goes_along_as_it_is_but_upright(photo, tmp_path, source, target):
         (f'<hdrgm:Max xmlns:hdrgm="{GAIN_MAP}"><rdf:Seq><rdf:li>1</rdf:li></rdf:Seq></hdrgm:Max>', ""),
     ],
 )
-def test_maps_that_no_longer_fit_go_and_are_told(photo, tmp_path, inside, attributes):
+def test_maps_that_no_longer_fit_go_and_are_reported(photo, tmp_path, inside, attributes):
     frame = read_frame(photo("jpg", xmp=packet(inside, attributes)))
     assert len(frame.notes) == 1
     assert frame.notes[0].startswith("its depth maps, gain maps and additional pictures do not match")
@@ -245,7 +245,7 @@ def test_thumbnails_in_xmp_go(photo, tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["exif", "xmp"])
-def test_damaged_metadata_are_left_out_and_told(tmp_path, damage):
+def test_damaged_metadata_are_skipped_with_a_notice(tmp_path, damage):
     write_image(tmp_path / "in.jpg", np.full((8, 8, 3), 0.5))
     segments = {
         "exif": b"Exif\0\0II*\0\xff\xff\0\0",

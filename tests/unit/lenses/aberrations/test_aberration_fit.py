@@ -54,7 +54,7 @@ def test_rays_are_those_through_the_glass(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
 @pytest.mark.parametrize("share", [0.6, 1.7])
-def test_light_of_a_point_arrives_where_the_map_says(name, share):
+def test_light_of_a_point_arrives_at_the_position_of_the_map(name, share):
     """Reference: light sent from the scene to the sensor, and where a pinhole camera sees the point."""
     lens, full = wide_open(name), map_of(name, distortion=True)
     half_diagonal, depth = lens.prescription.image_radius, share * lens.focus_distance

@@ -115,7 +115,7 @@ def test_depths_enclose_the_focus(name, focus):
         assert middle == pytest.approx(focus)
 
 
-def test_mistakes_are_told():
+def test_mistakes_are_reported():
     lens = load_lens("petzval", focus_distance=3000.0)
     fine = {"depth": 2000.0, "field": (0.0, 0.0), "pitch": 0.01, "size": 8}
     for far in (3.0, 30.0):

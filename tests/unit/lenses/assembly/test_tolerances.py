@@ -33,7 +33,7 @@ def plane(vertex, before, behind, **moved):
     return Surface(vertex=vertex, curvature=0.0, semi_diameter=30.0, before=before, behind=behind, **moved)
 
 
-def test_a_plate_that_leans_moves_rays_by_the_law_of_snell():
+def test_a_tilted_plate_moves_rays_by_the_law_of_snell():
     """Born and Wolf: d = t sin(i) (1 - cos(i) / sqrt(n^2 - sin(i)^2)) across the ray, none in direction."""
     turn, thick = (TEN_DEGREES, 0.0), 8.0
     x, y, t = rotated((0.0, 0.0, thick), turn)
@@ -130,7 +130,7 @@ def test_a_singlet_off_its_stop_has_the_coma_of_its_spherical_aberration():
 
 
 @pytest.mark.parametrize("name", ["double_gauss", "petzval"])
-def test_the_focus_leans_as_a_search_through_focus_says(name):
+def test_the_focus_plane_agrees_with_a_search_through_focus(name):
     """Oracle: the sensor, moved to and fro, on which the traced spot is least, on both sides."""
     made = assemble_copy(load_lens(name).prescription, Tolerances() * 10, 3)
     lens = PrescriptionLens(prescription=made, f_number=8.0, focus_distance=3000.0)

@@ -68,7 +68,7 @@ def test_names_are_compared_without_dashes_and_the_maker_decides(tmp_path):
     assert known.find("nobody") is None
 
 
-def test_a_catalogue_that_is_wrong_is_told(tmp_path):
+def test_a_catalogue_that_is_wrong_is_reported(tmp_path):
     (tmp_path / "c.agf").write_text("NM A two\n")
     with pytest.raises(LensError, match=r"c.agf, line 1: NM: expected numbers"):
         read_agf(tmp_path / "c.agf")

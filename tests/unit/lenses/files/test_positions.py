@@ -96,7 +96,7 @@ def test_a_position_that_is_not_there_is_one_line(tmp_path: Path) -> None:
         import_lens(path)
 
 
-def test_groups_float_between_the_distances_that_are_told(tmp_path: Path) -> None:
+def test_groups_float_between_the_listed_distances(tmp_path: Path) -> None:
     path = tmp_path / "floats.seq"
     path.write_text(_MOVING)
     found = import_lens(path).prescription

@@ -1,12 +1,15 @@
 """One lens in the formats of six programs: the same prescription, and what is said of what is wrong."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import PrescriptionLens, load_lens, read_prescription
+from bokehnet.lenses.catalog import find_prescription
+from bokehnet.lenses.files.codev import _split
 from bokehnet.lenses.files.reading import import_lens
 from bokehnet.lenses.prescription_toml import prescription_toml
 from bokehnet.lenses.surface_trace import beam_between, trace
@@ -86,7 +89,7 @@ def test_commands_take_such_a_file_directly(put, cli):
     assert outcome.out.startswith("Doublet")
 
 
-def test_what_was_assumed_and_passed_over_is_said(put):
+def test_assumptions_and_ignored_values_are_reported(put):
     found = import_lens(put("a.zmx", ZMX))
     assert "___BLANK approximated by nd 1.62, Vd 36.3" in found.notes
     assert found.skipped["VERS"] == 1
@@ -105,7 +108,7 @@ def test_a_stop_on_a_surface_is_a_plane_at_its_vertex(put):
         assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
 
 
-def test_glass_comes_from_a_catalogue_beside_the_file(put):
+def test_glass_comes_from_a_catalogue_in_the_same_folder(put):
     """AGF formula 2 is Sellmeier's, so that this is N-BK7 by another name."""
     put(
         "mine.AGF",
@@ -167,3 +170,32 @@ def test_a_file_whose_glass_no_ray_passes_is_named(put):
     path = put("a.zmx", header + surfaces)
     with pytest.raises(LensError, match=r"a\.zmx: no ray passes"):
         load_lens(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "parts"),
+    [
+        ('THI S1 4; GL "a;b"', ["THI S1 4", ' GL "a;b"']),
+        ("TITLE 'x;y';STO", ["TITLE 'x;y'", "STO"]),
+        ("a;;b", ["a", "b"]),
+        ('5" lens;STO', ['5" lens', "STO"]),
+    ],
+)
+def test_commands_of_codev_end_outside_quotation_marks(line, parts):
+    assert _split(line, ";") == parts
+
+
+@pytest.mark.parametrize("value", [1e-308, 1e-7, 1e10, float("inf"), float("nan")])
+@pytest.mark.parametrize("key", ["focal_length", "image_radius", "f_number"])
+def test_lengths_that_rays_cannot_resolve_are_refused(key, value):
+    """An image circle of 1e-308 mm ended in an index error in the effective pupil."""
+    problem = replace(find_prescription("biconvex"), **{key: value}).problem()
+    assert problem is not None
+    assert problem.startswith(f"{key}: expected 1e-06 to 1e+09")
+
+
+@pytest.mark.parametrize("value", [1e-308, 1e10])
+def test_apertures_that_rays_cannot_resolve_are_refused(value):
+    lens = find_prescription("biconvex")
+    rows = (replace(lens.surfaces[0], semi_diameter=value), *lens.surfaces[1:])
+    assert "semi_diameter" in (replace(lens, surfaces=rows).problem() or "")

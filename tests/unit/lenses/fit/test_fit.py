@@ -46,13 +46,13 @@ def test_the_smooth_disc_is_the_opening(blades):
     assert np.sqrt(np.mean((found - wanted) ** 2)) < 0.02
 
 
-def test_straight_edges_lie_a_cosine_from_the_middle():
+def test_straight_edges_are_a_cosine_from_the_centre():
     assert edge_depth(6, 0.0) == pytest.approx(1 - np.cos(np.pi / 6))
     assert edge_depth(6, 1.0) == pytest.approx(0, abs=1e-9)
     assert edge_depth(6, 0.3) > edge_depth(6, 0.6) > 0
 
 
-def test_blades_that_nobody_sees_are_a_round_opening():
+def test_invisible_blades_are_a_round_aperture():
     """Edges bent to within 0.03 pixels of the circle: 22 (1 - cos 30 deg) is 2.9 when they are straight."""
     truth = Look(blades=6, curvature=0.995, rotation=12.0, softness=0.6)
     assert 22 * edge_depth(6, 0.995) < 0.03

@@ -75,7 +75,7 @@ def test_a_dispersive_table_holds_every_wavelength():
     assert plain.max() < 6e-3
 
 
-def test_a_table_of_one_wavelength_says_so():
+def test_a_table_of_one_wavelength_is_reported():
     with pytest.raises(LensError, match="dispersive=True"):
         pair("biconvex")[1].sample_rays(UV[:4], UV[:4], wavelength=500.0)
 

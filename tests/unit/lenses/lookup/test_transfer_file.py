@@ -30,7 +30,7 @@ def test_a_stored_table_gives_the_same_rays(stored):
     np.testing.assert_array_equal(one.slope, two.slope)
 
 
-def test_errors_are_told_by_zone(stored):
+def test_errors_are_listed_by_zone(stored):
     """Authority: traced rays, as in ``test_transfer.py``, with its bound of 0.1 micrometres."""
     rows = transfer_errors(stored[0])
     assert [row.zone for row in rows] == [(0.0, 0.4), (0.4, 0.7), (0.7, 1.0)]

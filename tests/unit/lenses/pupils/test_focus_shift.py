@@ -58,7 +58,7 @@ def test_the_shift_grows_as_the_square_of_the_opening():
     assert load_lens("biconvex", f_number=11.0, focusing="paraxial").focus_shift == 0
 
 
-def test_the_telephoto_lens_stands_where_its_book_prints_the_image():
+def test_the_telephoto_lens_forms_its_image_at_the_published_distance():
     """Laikin, 4th ed., p. 91: 2.4796 inches behind the last surface, which is not the paraxial 2.4963."""
     lens = load_lens("telephoto")
     assert (lens.sensor_position - lens.paraxial.length) / 25.4 == pytest.approx(2.4796, abs=6e-4)

@@ -70,7 +70,7 @@ def test_linear_is_linear():
     assert linear_curve(550.0) == pytest.approx((DESIGN_WAVELENGTH - 550) / (MAX_WAVELENGTH - MIN_WAVELENGTH))
 
 
-def test_a_curve_without_a_glass_is_told():
+def test_a_curve_without_a_glass_is_reported():
     with pytest.raises(LensError, match="unknown glass 'butter'"):
         make_curve("butter")
 
@@ -291,7 +291,7 @@ def test_tensors_and_arrays_agree():
         ({"lateral": -200}, "lateral: expected -100 to 100"),
     ],
 )
-def test_strengths_out_of_range_are_told(strengths, words):
+def test_strengths_out_of_range_are_reported(strengths, words):
     with pytest.raises(ParameterError, match=words):
         ChromaticAberration(**strengths)
 

@@ -108,18 +108,18 @@ def test_an_identity_is_exact():
         assert_array_equal(model.distort(DISC), DISC)
 
 
-def test_decentring_that_folds_is_told():
+def test_decentring_that_folds_is_reported():
     with pytest.raises(ParameterError, match="folds over itself"):
         BrownConrady(decentring=(0.4, 0.0)).undistort(DISC)
 
 
 @pytest.mark.parametrize("strength", [-0.91, 2.0, math.nan])
-def test_a_strength_out_of_range_is_told(strength):
+def test_a_strength_out_of_range_is_reported(strength):
     with pytest.raises(ParameterError, match=r"strength: expected -0\.9 to 0\.9"):
         DivisionModel(strength=strength)
 
 
-def test_a_coefficient_that_is_no_number_is_told():
+def test_a_non_numeric_coefficient_is_reported():
     with pytest.raises(ParameterError, match="radial: expected a finite number"):
         BrownConrady(radial=(0.1, math.inf, 0.0))
 

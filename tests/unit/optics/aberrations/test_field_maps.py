@@ -70,7 +70,7 @@ def test_all_names_can_be_read():
         ("power:nan", "finite"),
     ],
 )
-def test_mistakes_are_told_in_one_line(text, words):
+def test_mistakes_are_reported_in_one_line(text, words):
     with pytest.raises(ParameterError, match=r"^field_map: ") as told:
         make_field_map(text)
     assert words in str(told.value)

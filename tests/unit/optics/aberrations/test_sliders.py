@@ -119,6 +119,6 @@ def test_field_curvature_is_a_defocus_that_grows_towards_the_corner():
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("value", [np.nan, np.inf, 101.0, -1e9])
-def test_what_no_slider_can_be_is_told(name, value):
+def test_impossible_slider_values_are_reported(name, value):
     with pytest.raises(ParameterError, match=f"^{name}: expected"):
         AberrationSliders(**{name: value})

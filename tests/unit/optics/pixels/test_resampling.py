@@ -39,7 +39,7 @@ def test_a_lamp_draws_no_ring():
     assert_array_equal(np.argwhere(found[..., 0] > 0), [[4, 3], [4, 4], [5, 3], [5, 4]])
 
 
-def test_the_border_is_repeated_and_told():
+def test_the_border_is_repeated_with_a_notice():
     image = RNG.random((4, 5, 2))
     places = np.array([[-3.0, 1.0], [99.0, 1.0], [np.inf, -np.inf], [2.0, 3.0]])
     assert_array_equal(sample(image, places), [image[1, 0], image[1, 4], image[0, 4], image[3, 2]])

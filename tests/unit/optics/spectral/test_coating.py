@@ -33,7 +33,7 @@ def test_bare_glass_reflects_four_percent_and_polarises_at_brewsters_angle():
 
 
 @pytest.mark.parametrize("wavelength", [450.0, 550.0, 650.0])
-def test_a_layer_reflects_as_its_matrix_says(wavelength):
+def test_a_layer_reflects_as_its_transfer_matrix(wavelength):
     for before, behind in ((1.0, 1.7), (1.7, 1.0)):
         cosine = np.sqrt(1 - (1 - COSINES**2) / before**2)
         for coating, film in (("single", 1.38), ("ideal", np.sqrt(1.7))):

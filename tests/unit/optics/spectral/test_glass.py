@@ -43,7 +43,7 @@ def test_bk7_at_587_6_nm_is_1_5168_by_both_formulas():
 
 
 @pytest.mark.parametrize("name", SHEETS)
-def test_two_numbers_stand_for_a_glass_as_well_as_the_docstring_says(name):
+def test_two_numbers_describe_a_glass_within_the_documented_error(name):
     glass, nd, vd = make_glass(name), *SHEETS[name]
     stand_in = AbbeGlass(nd, vd)
     assert stand_in.index(D_LINE) == pytest.approx(nd, abs=1e-12)

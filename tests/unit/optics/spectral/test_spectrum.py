@@ -10,7 +10,7 @@ def test_the_whole_spectrum_is_white():
     assert wavelength_color(wavelength).mean(0).tolist() == pytest.approx([1, 1, 1], abs=2e-3)
 
 
-def test_pure_colours_look_as_everybody_knows_them():
+def test_pure_colours_have_their_known_appearance():
     """Authority: names of colours, CIE 1931: 450 nm is blue, 540 nm green, 620 nm red."""
     for wavelength, channel in ((450.0, 2), (540.0, 1), (620.0, 0)):
         color = wavelength_color(np.float64(wavelength))

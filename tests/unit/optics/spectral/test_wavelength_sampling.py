@@ -147,7 +147,7 @@ def test_importance_keeps_half_covered_discs_calmer_than_even_wavelengths():
         ({"equaliser": (0, 0, 0, 0, 0, 0, 0, 0, 1)}, "got none for green"),
     ],
 )
-def test_mistakes_are_told(arguments, words):
+def test_mistakes_are_reported(arguments, words):
     with pytest.raises(ParameterError, match=words):
         WavelengthSampling(**arguments)
 

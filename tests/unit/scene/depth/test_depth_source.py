@@ -25,7 +25,7 @@ from bokehnet.scene.depth.depth_source import (
 )
 from bokehnet.scene.scene import make_scene, read_scene
 from bokehnet.settings.settings import CameraSettings, DepthSettings, InputSettings, RenderSettings
-from tests.unit.io import phone_files as files
+from tests.unit.io.depth import phone_files as files
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # of each unit
 BYTES = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))
@@ -208,7 +208,7 @@ def test_a_channel_is_picked(folder, shown, steps):
         ("photo.toml", ImageFileError),
     ],
 )
-def test_a_map_that_is_none_is_told(folder, shown, make, given, kind):
+def test_an_invalid_map_is_reported(folder, shown, make, given, kind):
     (folder / "empty.png").touch()
     (folder / "photo.toml").write_text("hello")
     with pytest.raises(kind) as caught:
@@ -217,7 +217,7 @@ def test_a_map_that_is_none_is_told(folder, shown, make, given, kind):
     assert len(str(caught.value)) < 300
 
 
-def test_values_that_no_map_may_hold_are_told_with_their_place(folder, write_channels, shown):
+def test_invalid_values_of_a_map_are_reported_with_their_position(folder, write_channels, shown):
     for value in (0, -2.5, math.nan):
         depth = np.full((40, 64), 2, np.float32)
         depth[3, 7] = value
@@ -242,7 +242,7 @@ def test_values_that_no_map_may_hold_are_told_with_their_place(folder, write_cha
         (EmbeddedDepth(), ParameterError, "neither, and the picture has no depth map"),
     ],
 )
-def test_a_source_that_cannot_tell_says_why(folder, shown, source, kind, words):
+def test_a_source_without_an_answer_reports_the_reason(folder, shown, source, kind, words):
     with pytest.raises(kind, match=words):
         source.depth_map(shown)
 
@@ -284,7 +284,7 @@ def test_a_source_that_cannot_tell_says_why(folder, shown, source, kind, words):
         ({"input": InputSettings(constant_disparity=0.5)}, (0.5,)),
     ],
 )
-def test_settings_pick_the_source_and_tell_it_all(settings, wanted):
+def test_settings_select_the_source_and_pass_all_values(settings, wanted):
     found = depth_source(RenderSettings(**settings))
     if isinstance(wanted, EmbeddedDepth):
         assert (type(found), found.map, found.relative) == (EmbeddedDepth, None, wanted.relative)

@@ -79,7 +79,7 @@ def test_a_far_plane_of_zeros_is_data():
     assert not disparity_mask(np.where(DISC, 30000, 0)).any()
 
 
-def test_doubtful_zeros_are_told_under_invert():
+def test_doubtful_zeros_are_reported_with_invert():
     found = find_missing_disparity(np.where(DISC, 0, 1).astype(np.float32), None, invert=True, no_data=None)
     assert not found.mask.any()
     assert f"{DISC.sum()} pixels of the map are 0 and count as nearest" in found.notes[0]
@@ -127,7 +127,7 @@ def test_a_slope_is_interpolated():
     assert np.abs(filled - true).max() < 0.002
 
 
-def test_filling_is_told_with_count_kind_and_place_or_refused():
+def test_filling_is_reported_with_count_kind_and_position_or_refused():
     numbers = DEPTH.copy()
     numbers[5, 7], numbers[9, 3] = 0, np.nan
     missing = find_missing_depth(numbers, None, is_disparity=False, no_data=None)

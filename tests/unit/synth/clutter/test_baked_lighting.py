@@ -52,7 +52,7 @@ def test_key_light_follows_cosine_and_distance_and_casts_a_shadow():
     assert np.array_equal(shaded[free[..., 0]], light[free[..., 0]])
 
 
-def test_places_are_as_dense_as_asked_for_and_open_sheets_are_lit_on_the_side_that_is_seen():
+def test_places_are_as_dense_as_requested_and_open_sheets_are_lit_on_the_side_that_is_seen():
     sheet = plate((-500, -500, 2000), (1000, 0, 0), (0, 1000, 0), 0)
     places, normals = lighting_grid(sheet, 0.01, 1000)
     steps = np.linalg.norm(np.diff(places, axis=1), axis=-1) / np.linalg.norm(places[:, 1:], axis=-1)

@@ -31,7 +31,7 @@ def test_moved_turns_before_it_shifts():
 
 
 @pytest.mark.parametrize("thing", sorted({*SOLID, *THIN, *FOREGROUND}, key=lambda made: made.__name__))
-def test_things_stand_on_the_ground_and_wear_what_was_drawn(thing):
+def test_objects_stand_on_the_ground_with_the_drawn_materials(thing):
     for seed in range(10):
         rng = np.random.default_rng(seed)
         meshes = thing(rng, lambda: 7)

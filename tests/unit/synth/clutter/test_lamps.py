@@ -42,7 +42,7 @@ def light_of(lamp, lens, others=(), pupil=True):
 
 @pytest.mark.parametrize("blur", [0.4, 1.2, 4.0, 15.0])
 @pytest.mark.parametrize("depth", [900.0, 4000.0])
-def test_light_is_spread_over_the_blur_disc_and_none_is_lost(blur, depth):
+def test_light_spreads_over_the_blur_disc_without_loss(blur, depth):
     """Authority: energy, and the second moment of a disc convolved with a disc and a pixel."""
     lamp = Lamp(centre=(0.02 * depth, -0.03 * depth, depth), radius=1.6 * PIXEL * depth, radiance=WHITE)
     seen = light_of(lamp, lens_for(blur, depth))
@@ -62,7 +62,7 @@ def test_all_in_focus_lamp_is_a_sharp_disc():
     assert seen.sum() == pytest.approx(7 * np.pi * 9, rel=0.02)
 
 
-def test_what_stands_before_a_lamp_clips_its_disc():
+def test_an_occluder_of_a_lamp_clips_its_disc():
     """Authority: a half plane in the lens's focus hides exactly the half of the picture that it covers."""
     lamp = Lamp(centre=(0.0, 0.0, 6000.0), radius=PIXEL * 6000, radiance=WHITE)
     edge = plate((0, -1e4, 1500.0), (1e4, 0, 0), (0, 2e4, 0), 0)

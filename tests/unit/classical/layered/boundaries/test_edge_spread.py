@@ -130,7 +130,7 @@ def test_filtered_depth_edges_are_no_box(hard, pixel_filter):
 
 @pytest.mark.parametrize("hard", [wires, discs, slats])
 @pytest.mark.parametrize("shift", [1, 2, 3])
-def test_a_map_beside_the_edges_of_a_filtered_picture_proves_no_box(hard, shift):
+def test_a_map_off_the_edges_is_no_evidence_of_a_box_filter(hard, shift):
     """Authority: the filter that drew the picture; the map is moved."""
     image, disparity = layers(DEFAULT_FILTER, hard)
     assert estimate_filter(image, np.roll(disparity, shift, 1)).pixel_filter.name != "box"

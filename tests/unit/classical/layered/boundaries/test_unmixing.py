@@ -122,7 +122,7 @@ def literal(image, defocus, sides, pixel_filter):
 
 @pytest.mark.parametrize("texture", [0.1, 0.001])
 @pytest.mark.parametrize("name", FILTERS)
-def test_pixels_are_parted_as_the_least_squares_say(name, texture):
+def test_pixels_are_unmixed_as_the_least_squares_say(name, texture):
     """Oracle: the same problems with dense matrices; so bright that no light is below 0."""
     pixel_filter = parse_pixel_filter(name)
     image, defocus, *_ = scene(least=0.6, pixel_filter=pixel_filter, texture=texture)

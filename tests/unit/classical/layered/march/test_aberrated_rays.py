@@ -130,7 +130,7 @@ def test_a_strip_strays_as_its_rows_of_the_picture():
     np.testing.assert_array_equal(table.visible_deviation((100, WIDTH), 0.0, 128), whole[128:228])
 
 
-def test_a_plane_that_leans_too_far_is_refused():
+def test_a_plane_tilted_too_far_is_refused():
     zeros = np.zeros((1, 2, 20))
     aberration_map = AberrationMap(
         wavelengths=[550.0], transverse_aberration=zeros, pupil_aberration=zeros, tilt=(0.7, 0.7)

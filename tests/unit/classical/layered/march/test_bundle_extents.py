@@ -8,7 +8,7 @@ import pytest
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import BUNDLE, LEVELS, bundle_extents, extent_at
-from bokehnet.classical.rays_renderer import _pattern
+from bokehnet.classical.rays_renderer import pupil_pattern
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aberrations.sliders import AberrationSliders
@@ -29,7 +29,7 @@ RIMMED = AberrationMap(
 @pytest.mark.parametrize("aberration_map", [GLASS, RIMMED], ids=["sliders", "rim and tilt"])
 @pytest.mark.parametrize("defocus", [-2.0 * LEVELS, -20.3, 0.0, 9.7])
 def test_no_ray_strays_farther_and_some_nearly_as_far(aberration_map, defocus):
-    points, _, chances = _pattern(Aperture())
+    points, _, chances = pupil_pattern(Aperture())
     lens = lens_table(
         LensResponse(aberration_map=aberration_map), Viewport.whole(*SHAPE), chances, shape=SHAPE
     )

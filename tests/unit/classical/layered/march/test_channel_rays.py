@@ -26,7 +26,7 @@ def cells_of(defocus: np.ndarray) -> np.ndarray:
     )
 
 
-def test_outlines_lie_on_both_sides_of_a_step_and_widen_by_a_pixel_each():
+def test_outlines_cover_both_sides_of_a_step_and_widen_by_a_pixel_each():
     defocus = np.full((HEIGHT, WIDTH), -4.0, np.float32)
     defocus[:, 40:] = 6.0
     outlines = outlines_of(cells_of(defocus))

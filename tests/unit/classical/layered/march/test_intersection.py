@@ -160,7 +160,7 @@ def test_rays_come_to_rest_on_a_slope_where_they_cut_it(slope):
     assert np.mean(far) < 0.4  # 0.383: mean distance of a place from the middle of its pixel
 
 
-def test_rays_that_never_rest_are_told():
+def test_rays_that_never_rest_are_reported():
     depth = np.tile(np.arange(60.0) * 1.5, (20, 1))[..., None]  # steeper than any smooth surface
     cells = layer_cells(Layers(colors=np.zeros((20, 60, 1, 3)), defocus=depth, coverage=np.ones_like(depth)))
     arrays = [np.full(LANES, a, np.float32) for a in (30, 10, 0.5, 0.5, 0.9, 0.0)]

@@ -12,7 +12,7 @@ from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
-from bokehnet.classical.rays_renderer import _pattern, rays
+from bokehnet.classical.rays_renderer import pupil_pattern, rays
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -57,7 +57,7 @@ def one_layer(image: np.ndarray, defocus: np.ndarray) -> Layers:
 def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.ndarray, np.ndarray]:
     """The picture, NaN where nothing was written, and the pixels that are left."""
     shape = layers.defocus.shape[:2]
-    points, weights, chances = _pattern(Aperture())
+    points, weights, chances = pupil_pattern(Aperture())
     lens = lens_table(lens_response, Viewport.whole(*shape), chances, shape=shape)
     result = np.full((*shape, 3), np.nan, np.float32)
     colors = np.ascontiguousarray(layers.colors, np.float32)
@@ -175,7 +175,7 @@ def test_a_strip_gives_the_rows_of_the_picture():
     for name in ("sliders", "rim and tilt"):
         whole, _ = rendered(one_layer(image, defocus), LENSES[name])
         viewport = Viewport.whole(HEIGHT, WIDTH)
-        points, weights, chances = _pattern(Aperture())
+        points, weights, chances = pupil_pattern(Aperture())
         lens = lens_table(LENSES[name], viewport, chances, above=64, shape=(HEIGHT - 64, WIDTH))
         result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
         layers = one_layer(image[64:], defocus[64:])

@@ -1,0 +1,1 @@
+"""Tables of the results of several methods."""

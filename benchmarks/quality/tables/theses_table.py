@@ -1,0 +1,71 @@
+"""Results of ``benchmarks.quality.theses`` as one table by method, and reasons for missing rows."""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.quality.scenes.fault_probes import FAULTS
+
+__all__ = ["Figures", "merged", "table"]
+
+# ``faults`` and ``costs``: method -> values; ``scenes``: scene -> method -> values.
+Figures = dict[str, dict[str, Any]]
+
+# Methods that are not engines, and the commands that measure them.
+_NEED_GEOMETRY = {
+    "selective_rays": "python -m benchmarks.experiments.edges.selective_rays",
+    "mesh_views": "python -m benchmarks.experiments.edges.level_of_detail",
+}
+
+_COSTS = {"seconds": ".2f", "memory": ".0f", "flicker": ".2f"}
+
+
+def merged(runs: list[Figures]) -> Figures:
+    """Merge the figures of several runs; later runs take precedence."""
+    figures: Figures = {"faults": {}, "costs": {}, "scenes": {}}
+    for run in runs:
+        for part in ("faults", "costs"):
+            figures[part].update(run.get(part, {}))
+        for scene, rows in run.get("scenes", {}).items():
+            figures["scenes"].setdefault(scene, {}).update(rows)
+    return figures
+
+
+def table(figures: Figures, methods: tuple[str, ...]) -> str:
+    """Return Markdown: scores of each scene and their means, costs and faults; a dash means not run.
+
+    Args:
+        figures: Figures by part, scene and method.
+        methods: Names in the order of the rows; those without any figure are omitted.
+    """
+    scenes, costs, faults = (figures.get(part, {}) for part in ("scenes", "costs", "faults"))
+    present = [
+        name
+        for name in methods
+        if name in costs or name in faults or any(name in rows for rows in scenes.values())
+    ]
+    head = ["method", *scenes, "mean", *_COSTS, *FAULTS]
+    lines = [_line(head), "|---" * len(head) + "|"]
+    for name in present:
+        scores = [rows[name] for rows in scenes.values() if name in rows]
+        cells = [_scores([rows[name]]) if name in rows else "-" for rows in scenes.values()]
+        cells.append(_scores(scores) if scores and len(scores) == len(scenes) else "-")
+        cells += [format(costs[name][key], form) if name in costs else "-" for key, form in _COSTS.items()]
+        cells += [f"{round(faults[name][key], 1) + 0.0:.1f}" if name in faults else "-" for key in FAULTS]
+        lines.append(_line([name, *cells]))
+    lines += [
+        "",
+        "Scenes and mean: edge PSNR / PSNR / FLIP; memory: bytes a pixel; flicker and on: per cent.",
+    ]
+    for name, command in _NEED_GEOMETRY.items():
+        lines.append(f"{name}: no row, as it draws a scene and not a picture; {command} has its own.")
+    return "\n".join(lines)
+
+
+def _line(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _scores(rows: list[dict[str, float]]) -> str:
+    edge, all_pixels, flip = (float(np.mean([row[key] for row in rows])) for key in ("edge", "psnr", "flip"))
+    return f"{edge:.2f} / {all_pixels:.2f} / {flip:.4f}"

@@ -1,0 +1,1 @@
+"""``bokehnet compare``: the command, and the page with a slider."""

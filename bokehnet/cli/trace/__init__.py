@@ -1,0 +1,1 @@
+"""``bokehnet trace``: the command, and its tiles on a cluster."""

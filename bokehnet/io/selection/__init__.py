@@ -1,0 +1,1 @@
+"""Selection of the picture channels among the parts, views and layers of a file."""

@@ -1,0 +1,1 @@
+"""Connections of the service: bounds, authentication, streamed uploads, the page ``/docs``."""

@@ -1,0 +1,4 @@
+"""Preview of the studio: progressive renders, overlays, and their conversion to bytes for a canvas.
+
+Open first: ``preview.py``.
+"""

@@ -1,0 +1,189 @@
+"""Bad input to ``bokehnet render``: one line that says what is wrong, exit code 1, nothing written."""
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from bokehnet.io.image import write_image, write_map
+
+WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
+PHOTO = ["render", "photo.png", "--engine", "scatter"]
+MAP = [*PHOTO, "--disparity", "disparity.png"]
+SIZES = ["--blur", 6, "--focus", 0.4]
+CAMERA = ["--focal-length", 50, "--f-number", 2, "--sensor-width", 36]
+LENS = [*CAMERA, "--focus-distance", 1]
+ALL = [*MAP, *SIZES]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([*PHOTO, "--disparity", "missing.png", *SIZES], ["missing.png: no such file"]),
+        (["render", "missing.jpg", *ALL[2:]], ["missing.jpg: no such file"]),
+        ([*PHOTO, "--depth", "missing.exr", *LENS], ["missing.exr: no such file"]),
+        ([*PHOTO, *SIZES], ["expected one of --disparity and --depth", "neither", "has no depth map"]),
+        ([*ALL, "--depth", "camera.exr"], ["expected one of --disparity and --depth", "both"]),
+        ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
+        ([*MAP, "--blur", 6, "--focus", -0.1], ["--focus", "0..1", "-0.1"]),
+        ([*MAP, "--blur", 6, "--focus", "nan"], ["--focus", "0..1", "nan"]),
+        ([*ALL, "--focus-at", "1,1"], ["--focus-at: expected one of --focus and --focus-at, got both"]),
+        ([*ALL, "--strength", 5], ["--strength: expected one of --blur and --strength, got both"]),
+        ([*MAP, "--blur", -1, "--focus", 0.4], ["--blur", "at least 0", "-1"]),
+        ([*MAP, "--blur", "nan", "--focus", 0.4], ["--blur", "finite", "nan"]),
+        ([*MAP, "--blur", "inf", "--focus", 0.4], ["--blur", "finite", "inf"]),
+        (
+            [*MAP, "--blur", "wide", "--focus", 0.4],
+            ["--blur: expected a number of at least 0 pixels, got 'wide'"],
+        ),
+        ([*ALL, "--f-number", 2], ["--f-number", "does not apply to --disparity with --blur"]),
+        (
+            [*MAP, "--focal-length", 50, "--focus-distance", 2],
+            [
+                "--focus-distance: expected nothing: it does not apply to --disparity, got 2",
+                "--focal-length: expected nothing: it does not apply to --disparity without --f-number",
+            ],
+        ),
+        (
+            [*MAP, "--blur", "wide", "--focus", 7, "--engine", "magic"],
+            ["--blur: expected", "--focus: expected", "--engine: expected"],
+        ),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
+        (
+            [*PHOTO, "--depth", "camera.exr", *LENS[:-1], 0.04],
+            ["cannot focus at 0.04 m: expected more than 50 mm, the --focal-length"],
+        ),
+        (
+            [*PHOTO, "--depth", "camera.exr", *LENS, "--f-number", 0],
+            ["--f-number: expected a number above 0, got 0"],
+        ),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", 0], ["--sensor-width", "above 0"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", "nan"], ["--sensor-width", "finite"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--channel", "W"], ["no channel 'W'", "Z"]),
+        ([*PHOTO, "--depth", "disparity.png", *LENS], ["floating point", "disparity"]),
+        ([*ALL, "--engine", "magic"], ["rays, scatter", "magic"]),
+        ([*ALL, "--repair-disparity", "maybe"], ["--repair-disparity", "auto, off, on", "maybe"]),
+        ([*ALL, "--save-maps", "photo.png/maps"], ["--save-maps", "photo.png"]),
+    ],
+)
+def test_a_mistake_in_the_words(fails, arguments, words):
+    fails(arguments, *words)
+
+
+@pytest.mark.parametrize("pixel", [f"{WIDTH},0", f"0,{HEIGHT}", "-1,0", "999999,5"])
+def test_focus_at_outside_the_picture(fails, pixel):
+    fails([*MAP, "--blur", 6, "--focus-at", pixel], "--focus-at", f"{WIDTH}x{HEIGHT}", pixel)
+
+
+@pytest.mark.parametrize("pixel", ["3", "1,2,3", "1.5,2", "a,b", ""])
+def test_focus_at_that_is_no_pixel(fails, pixel):
+    fails([*MAP, "--blur", 6, "--focus-at", pixel], "--focus-at", "X,Y", repr(pixel))
+
+
+@pytest.mark.parametrize("extension", ["png", "jpg", "exr", "tif", "webp"])
+@pytest.mark.parametrize("victim", ["picture", "map"])
+def test_a_truncated_file(fails, folder, extension, victim):
+    path = folder / f"cut.{extension}"
+    write_image(path, np.random.default_rng(1).random((HEIGHT, WIDTH, 3)))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    if victim == "picture":
+        fails(["render", path.name, "--disparity", "disparity.png", *SIZES, "--engine", "scatter"], path.name)
+    else:
+        fails([*PHOTO, "--disparity", path.name, *SIZES], path.name)
+
+
+def test_a_file_that_is_no_picture(fails, folder):
+    (folder / "empty.png").touch()
+    (folder / "letter.png").write_text("hello")
+    fails([*PHOTO, "--disparity", "empty.png", *SIZES], "empty.png", "0 bytes")
+    fails([*PHOTO, "--disparity", "letter.png", *SIZES], "letter.png", "expected PNG")
+
+
+def test_sizes_that_differ_are_reported_with_the_way_out(fails, folder, write_channels):
+    write_map("small.png", np.linspace(0, 1, 30 * 20).reshape(20, 30))
+    words = (f"{WIDTH}x{HEIGHT}", "30x20", "--resize-disparity")
+    fails([*PHOTO, "--disparity", "small.png", *SIZES], "disparity", *words)
+    write_channels("small.exr", Z=np.ones((20, 30)))
+    fails([*PHOTO, "--depth", "small.exr", *LENS], "depth", *words)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_non_finite_disparity_is_reported_with_its_position(fails, value, write_channels):
+    disparity = np.linspace(0, 1, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
+    disparity[3, 7] = value
+    write_channels("bad.exr", Y=disparity)
+    fails([*PHOTO, "--disparity", "bad.exr", *SIZES, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
+
+
+@pytest.mark.parametrize("value", [0, -2.5, np.nan, -np.inf])
+def test_depth_not_above_zero_is_reported_with_its_position(fails, value, write_channels):
+    depth = np.full((HEIGHT, WIDTH), 2.0)
+    depth[3, 7] = value
+    write_channels("bad.exr", Z=depth)
+    fails([*PHOTO, "--depth", "bad.exr", *LENS, "--holes", "error"], "bad.exr", "1 pixels", "x=7, y=3")
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("nowhere/out.png", ["nowhere", "does not exist"]),
+        ("photo.png/out.png", ["photo.png", "is not a folder"]),
+        ("out.gif", ["unknown extension '.gif'", ".png", ".exr"]),
+        ("out", ["unknown extension ''"]),
+        (".", ["found a folder"]),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_reported_before_any_work(fails, output, words):
+    fails(["render", "unread.png", "--disparity", "unread.png", *SIZES], *words, output=output)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_is_write_protected(fails, folder):
+    (folder / "locked").mkdir(mode=0o500)
+    fails(ALL, "locked", "not writable", output="locked/out.png")
+    fails([*ALL, "--save-maps", "locked/maps"], "--save-maps", "not writable")
+
+
+def test_weights_that_are_missing(fails, folder, random_weights):
+    hybrid = [*ALL, "--engine", "hybrid", "--weights", "weights"]
+    fails(hybrid, "weights missing", "manifest.json", "--engine rays")
+    shutil.copytree(random_weights, folder / "weights")
+    (folder / "weights" / "arnet.onnx").unlink()
+    (folder / "out.png").unlink()
+    fails(hybrid, "weights missing", "arnet.onnx")
+
+
+def test_weights_with_a_wrong_hash(fails, folder, random_weights):
+    shutil.copytree(random_weights, folder / "weights")
+    network = folder / "weights" / "arnet.onnx"
+    network.write_bytes(network.read_bytes()[:-1] + b"?")
+    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "arnet.onnx", "sha256", "damaged")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("not json", ["expected JSON"]), (json.dumps({"format": 99}), ["format 1, found 99"]), ("[]", ["None"])],
+)
+def test_an_invalid_manifest_is_reported(fails, folder, text, words):
+    (folder / "weights").mkdir()
+    (folder / "weights" / "manifest.json").write_text(text)
+    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)
+
+
+def test_the_checks_before_a_render_import_no_kernels(python_process):
+    """Mistakes are reported within half a second of processor time, of which numba would take 0.2 s."""
+    outcome = python_process(
+        "import sys, bokehnet.cli.app, bokehnet.cli.render.checks\n"
+        "sys.exit(', '.join({'numba', 'onnxruntime', 'torch'} & set(sys.modules)) or 0)"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_depth_in_a_numpy_file_with_options_for_the_camera(folder, cli):
+    np.save("z.npy", np.tile(np.linspace(1, 4, WIDTH, dtype=np.float32), (HEIGHT, 1)))
+    assert cli(*PHOTO, "--depth", "z.npy", *LENS, "-o", "out.png").code == 0
+    outcome = cli(*PHOTO, "--depth", "z.npy", *LENS[2:], "-o", "out2.png")
+    assert "--depth needs --focal-length" in outcome.err
