@@ -14,7 +14,7 @@ __all__ = ["write_page"]
 
 _STYLE = """
 body { font: 16px system-ui, sans-serif; margin: 2rem auto; max-width: 70rem; padding: 0 1rem; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; display: block; overflow-x: auto; font-variant-numeric: tabular-nums; }
 td, th { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #ccc; }
 td:first-child, th:first-child { text-align: left; }
 .pair { position: relative; width: 100%; max-width: 960px; aspect-ratio: 4 / 3; }

@@ -17,6 +17,7 @@ import numpy as np
 
 from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
 from bokehnet.optics.encoding import encode
+from bokehnet.optics.pixels.resampling import bilinear
 
 __all__ = ["DISTANCES_PX", "EdgeProfile", "EdgeSamples", "sample_edges"]
 
@@ -211,9 +212,4 @@ def _sample(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Interpolate values (C, H, W) at places (2, ...), clipped to the image; returns (C, ...)."""
     height, width = values.shape[1:]
     y, x = (np.clip(place, 0, side - 1.001) for place, side in zip(places, (height, width), strict=True))
-    row, column = y.astype(np.intp), x.astype(np.intp)
-    b, a = (y - row).astype(np.float32), (x - column).astype(np.float32)
-    flat, at = values.reshape(len(values), -1), row * width + column
-    upper = flat[:, at] * (1 - a) + flat[:, at + 1] * a
-    lower = flat[:, at + width] * (1 - a) + flat[:, at + width + 1] * a
-    return upper * (1 - b) + lower * b
+    return bilinear(values, y, x, np.float32)

@@ -62,7 +62,7 @@ class Frame:
             recognises it, or None.
         path: Path of the file; None for arrays.
         choices: One line for each selection among several pictures of the file.
-        gain_map: Gain map inside a JPEG file, or None.
+        gain_map: Gain map inside a JPEG or HEIC file, or None.
         gain_map_error: Reason why a gain map in the file is ignored; empty otherwise.
     """
 
@@ -118,6 +118,7 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
             raise ParameterError("input.color_space", "auto for HEIC, which names its own", color_space)
         heif = read_heif(path)
         height, width = heif.image.shape[:2]
+        gain_map, gain_map_error = _gain_map(Path(path), 1, heif.metadata)
         return Frame(
             image=heif.image,
             alpha=None,
@@ -127,6 +128,8 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
             bits=8 if heif.bits == 8 else 16,
             metadata=heif.metadata,
             path=Path(path),
+            gain_map=gain_map,
+            gain_map_error=gain_map_error,
         )
     with ImageFile(path, progress) as file:
         picture = find_picture(file)
@@ -141,7 +144,9 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
         height, width = image.shape[:2]
         if file.headers is None:
             camera = camera_from_exif(attributes, width, height)
-            gain_map, gain_map_error = _gain_map(file, picture, metadata)
+            gain_map, gain_map_error = None, ""
+            if file.file_format == "jpeg":
+                gain_map, gain_map_error = _gain_map(file.path, picture.part.orientation, metadata)
             return Frame(
                 image=image,
                 alpha=alpha,
@@ -151,9 +156,9 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
                 bits=_stored_bits(file, picture),
                 metadata=metadata,
                 path=file.path,
-                choices=(f"its colours are read as {space.name}, as its header says",) if film else (),
                 gain_map=gain_map,
                 gain_map_error=gain_map_error,
+                choices=_color_notes(attributes, space.name if film else ""),
             )
         state = file.path.stat()
         origin = _Origin(
@@ -172,14 +177,22 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
         )
 
 
-def _gain_map(file: ImageFile, picture: Picture, metadata: Metadata) -> tuple[GainMap | None, str]:
-    """Return the gain map of a JPEG file, and the reason why a damaged one is ignored."""
-    if file.file_format != "jpeg":
-        return None, ""
+def _gain_map(path: Path, orientation: int, metadata: Metadata) -> tuple[GainMap | None, str]:
+    """Return the gain map of a JPEG or HEIC file, and the reason why a damaged one is ignored."""
     try:
-        return read_gain_map(file.path, picture.part.orientation, metadata.exif), ""
+        return read_gain_map(path, orientation, metadata.exif), ""
     except ImageFileError as problem:
-        return None, str(problem).removeprefix(f"{file.path}: ")
+        return None, str(problem).removeprefix(f"{path}: ")
+
+
+def _color_notes(attributes: Mapping[str, Any], film_space: str) -> tuple[str, ...]:
+    """Return notes on colours that the header alone defines, or that the decoder converts."""
+    notes = []
+    if film_space:
+        notes.append(f"its colours are read as {film_space}, as its header says")
+    if "CMYK" in (attributes.get("jpeg:ColorSpace"), attributes.get("tiff:ColorSpace")):
+        notes.append("its CMYK inks are converted without a profile; convert it to sRGB for exact colours")
+    return tuple(notes)
 
 
 def without_origin(frame: Frame) -> Frame:

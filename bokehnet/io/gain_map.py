@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.resample import resample
 from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.io.formats.heif import is_heif, read_heif_gain_map
 from bokehnet.io.metadata.gain_map import AppleCoding, GainCoding, jpeg_gain_map
 from bokehnet.io.phone_depth import embedded_picture
 from bokehnet.io.pixels import ImageFile
@@ -54,16 +55,21 @@ class GainMap:
 
 
 def read_gain_map(path: Path, orientation: int, exif: bytes | None) -> GainMap | None:
-    """Read the gain map inside a JPEG file; None if there is none.
+    """Read the gain map inside a JPEG or HEIC file; None if there is none.
 
     Args:
-        path: JPEG file.
-        orientation: EXIF orientation of the primary picture, which is that of its map.
+        path: JPEG or HEIC file.
+        orientation: EXIF orientation of the primary picture of a JPEG, which is that of its map.
         exif: EXIF of the primary picture, or None.
 
     Raises:
         ImageFileError: The map is damaged.
     """
+    if is_heif(path):
+        auxiliary = read_heif_gain_map(path, exif)
+        if auxiliary is None:
+            return None
+        return GainMap(kind="Apple HDR", stored=auxiliary[0], coding=auxiliary[1])
     encoded = jpeg_gain_map(path, exif)
     if encoded is None:
         return None

@@ -83,8 +83,9 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             ranges |= own
         first = file.parts[0]
         name, refusal = "", ""
+        exif = read_metadata(file.path, file.file_format).exif
         try:
-            space = file_color_space(file, first, read_metadata(file.path, file.file_format).exif)
+            space = file_color_space(file, first, exif)
             name = "linear" if space.is_linear and space.icc is None else space.name
         except ImageFileError as problem:
             refusal = str(problem)
@@ -101,7 +102,7 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             parts=len(file.parts),
             ranges=ranges,
             depth_map=_depth_map(file.path) if file.file_format == "jpeg" else "",
-            gain_map=_gain_map(file, first.orientation) if file.file_format == "jpeg" else "",
+            gain_map=_gain_map(file.path, first.orientation, exif) if file.file_format == "jpeg" else "",
             pixel_aspect=first.window.pixel_aspect,
         )
 
@@ -121,20 +122,19 @@ def _heif_info(path: Path) -> ImageInfo:
         parts=1,
         ranges={},
         depth_map=_depth_map(path),
-        gain_map=gain_map_kind(path),
+        gain_map=_gain_map(path, 1, picture.metadata.exif),
     )
 
 
-def _gain_map(file: ImageFile, orientation: int) -> str:
-    """Return a description of the gain map inside a JPEG file; empty if there is none."""
-    kind = gain_map_kind(file.path)
+def _gain_map(path: Path, orientation: int, exif: bytes | None) -> str:
+    """Return a description of the gain map inside a JPEG or HEIC file; empty if there is none."""
+    kind = gain_map_kind(path)
     if not kind:
         return ""
     try:
-        exif = read_metadata(file.path, file.file_format).exif
-        gain_map = read_gain_map(file.path, orientation, exif)
+        gain_map = read_gain_map(path, orientation, exif)
     except ImageFileError as problem:
-        return f"{kind}, damaged ({str(problem).removeprefix(f'{file.path}: ')})"
+        return f"{kind}, damaged ({str(problem).removeprefix(f'{path}: ')})"
     if gain_map is None:
         return kind
     height, width = gain_map.stored.shape[:2]

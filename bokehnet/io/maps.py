@@ -145,12 +145,26 @@ def read_stored_map(
         if window is not None and own.has_same_display_size(window):
             values = own.fit_to(values, window)
         largest = None if part.linear else _LARGEST_INTEGER.get(part.pixel_type)
+        transparent = () if coding in PACKED_CODINGS else _transparency_note(file, part)
     return StoredMap(
         values=values,
         largest_integer=None if stored.is_decoded else largest,
         is_render=is_exr,
         assumptions=stored.assumptions,
-        notes=stored.notes,
+        notes=(*stored.notes, *transparent),
+    )
+
+
+def _transparency_note(file: ImageFile, part: Part) -> tuple[str, ...]:
+    """Return a note on pixels of a map of integers that are transparent in part of the picture."""
+    if part.linear or part.alpha is None or len(part.channels) == 1:
+        return ()
+    count = int(np.count_nonzero(file.read(part, (part.alpha,)) == 0))
+    if count in (0, part.width * part.height):
+        return ()
+    return (
+        f"{file.path}: {count} pixels of the map are transparent; their stored values are used, "
+        "`depth.no_data` marks a value as pixels without data",
     )
 
 

@@ -53,7 +53,7 @@ class _Picture:
 
 
 class _Mixed(NamedTuple):
-    """Mixed pixels: index, defocus and colours of both surfaces, coverage, ownership of the nearer one."""
+    """Mixed pixels: index, defocus and colours of both surfaces, coverage, and whose the pixel's depth is."""
 
     places: Value
     near: Value

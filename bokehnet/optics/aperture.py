@@ -32,6 +32,7 @@ from bokehnet.checks import (
 )
 from bokehnet.errors import ParameterError
 from bokehnet.optics.disc_texture import disc_grain, onion_rings
+from bokehnet.optics.pixels.resampling import bilinear
 from bokehnet.optics.sampling import disc_from_square
 
 __all__ = ["Aperture", "blade_margin", "cats_eye_shift", "pupil_points", "transmission"]
@@ -176,13 +177,8 @@ def _picture_at(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray
     longer = max(height, width)
     column = np.clip((u * longer + width) / 2 - 0.5, 0, width - 1)
     row = np.clip((v * longer + height) / 2 - 0.5, 0, height - 1)
-    left, top = column.astype(np.intp), row.astype(np.intp)
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    x, y = column - left, row - top
-    upper = picture[top, left] * (1 - x) + picture[top, right] * x
-    lower = picture[bottom, left] * (1 - x) + picture[bottom, right] * x
     inside = (np.abs(u) * longer <= width) & (np.abs(v) * longer <= height)
-    return np.where(inside, upper * (1 - y) + lower * y, 0.0)
+    return np.where(inside, bilinear(picture, row, column), 0.0)
 
 
 def _profile(aperture: Aperture, u: np.ndarray, v: np.ndarray, rho2: np.ndarray, side: int) -> np.ndarray:

@@ -25,6 +25,7 @@ def make_output_format(settings: OutputSettings) -> OutputFormat:
         quality=settings.quality,
         subsampling=settings.subsampling,
         dither=settings.dither == "on",
+        shoulder=settings.shoulder == "on",
     )
 
 

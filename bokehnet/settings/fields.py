@@ -300,7 +300,7 @@ def from_plain(known: Setting, value: Any) -> Any:
     """Convert a number, text, boolean or list of a file to the value of a field.
 
     Examples:
-        >>> from bokehnet.settings.scene_settings import EngineSettings, FocusSettings
+        >>> from bokehnet.settings.settings import EngineSettings, FocusSettings
         >>> from_plain(field_settings(EngineSettings)["max_memory"], "1.5G")  # bytes
         1610612736
         >>> from_plain(field_settings(FocusSettings)["range"], [0.5, 2])

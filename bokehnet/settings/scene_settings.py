@@ -1,33 +1,24 @@
-"""Settings of the scene: depth sources, focus, blur strength, engine and output."""
+"""Settings of the scene: depth sources, focus and blur strength."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import ClassVar, Literal, get_args
 
-from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import ParameterError
 from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
-from bokehnet.settings.fields import Group, check_needed, parse_bytes, parse_numbers, setting
+from bokehnet.settings.fields import Group, check_needed, parse_numbers, setting
 
 __all__ = [
     "CameraSettings",
     "DepthSettings",
-    "DeviceName",
-    "EngineName",
-    "EngineSettings",
     "FocusSettings",
     "InputSettings",
-    "OutputSettings",
 ]
 
-EngineName = Literal["rays", "scatter", "hybrid", "neural", "fast"]
-DeviceName = Literal["cpu", "cuda", "auto"]
 Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
 
-# Same names as in bokehnet.io.formats.output_format.
-ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
 # Same names as in bokehnet.io.color.camera_spaces.
 InputColorSpaceName = Literal[
     "auto",
@@ -46,8 +37,7 @@ InputColorSpaceName = Literal[
     "vlog",
     "cineon",
 ]
-BitsName = Literal["8", "10", "16", "half", "float"]
-SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
+
 
 # Same names as in bokehnet.io.depth.false_colors and bokehnet.io.depth.packed_depth, and as in
 # bokehnet.optics.pixels.pixel_filter, which import NumPy: too slow for a help text.
@@ -66,18 +56,6 @@ CODINGS = (
     "rgba-float",
 )
 FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
-
-
-assert set(get_args(EngineName)) == set(ENGINES)
-
-
-def _moved_engine(name: Any) -> str:
-    """Return a hint for a method of the literature that earlier versions offered as an engine."""
-    from bokehnet.baselines.registry import BASELINES  # imports NumPy: too slow for a help text
-
-    if not isinstance(name, str) or name not in BASELINES:
-        return ""
-    return f"{name} is a method of the literature: `bokehnet compare --engines rays,{name}` runs it"
 
 
 def _names_filter(text: str) -> bool:
@@ -481,87 +459,4 @@ class CameraSettings(Group):
         "With --depth: width of the sensor, mm. Default: metadata of the picture's file.",
         unit="mm",
         above=0,
-    )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EngineSettings(Group):
-    """Engine, networks, device and memory bound.
-
-    Examples:
-        >>> from bokehnet.settings.settings import RenderSettings
-        >>> settings = RenderSettings().updated({"engine": {"name": "scatter", "max_memory": "2G"}})
-        >>> settings.engine.max_memory  # bytes
-        2147483648
-    """
-
-    GROUP: ClassVar[str] = "engine"
-    TITLE: ClassVar[str] = "Engine"
-
-    name: EngineName | None = setting(
-        None,
-        f"One of {', '.join(f'{spec.name} ({spec.about})' for spec in ENGINES.values())}.",
-        advice=_moved_engine,
-        flag="engine",
-        metavar="NAME",
-        allowed_in_preset=True,
-    )
-    weights: Path | None = setting(None, "Folder with networks to use in place of the shipped ones.")
-    device: DeviceName = setting(
-        "cpu",
-        "Device that renders: cpu (default), cuda (an NVIDIA graphics card), or auto (cuda where possible).",
-    )
-    max_memory: int | None = setting(
-        None,
-        "Upper bound of the memory, pictures included, such as 4G. Larger pictures are rendered in strips.",
-        metavar="SIZE",
-        unit="bytes",
-        parse=parse_bytes,
-        low=0,
-        expected="a size such as 500M or 2G",
-    )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class OutputSettings(Group):
-    """File format of the result, and additional outputs.
-
-    Examples:
-        >>> OutputSettings(save_maps="maps").save_maps / "defocus.exr" == Path("maps/defocus.exr")
-        True
-    """
-
-    GROUP: ClassVar[str] = "output"
-    TITLE: ClassVar[str] = "Output"
-
-    color_space: ColorSpaceName = setting(
-        "keep",
-        "Colour space of the result. keep (default): that of the picture's file, including its profile.",
-    )
-    bits: BitsName | None = setting(
-        None,
-        "Bits per channel: 8, 10, 16, half or float, if the format allows it. Default: as in the picture's "
-        "file.",
-    )
-    quality: int = setting(
-        97,
-        "Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100. Default: 97. WebP at 100 is lossless.",
-        low=1,
-        high=100,
-    )
-    subsampling: SubsamplingName = setting(
-        "4:4:4", "Chroma subsampling of JPEG, AVIF and HEIC: 4:4:4 (none, default), 4:2:2 or 4:2:0."
-    )
-    dither: Switch = setting(
-        "on", "Dithering when rounding to 8 bits, which avoids banding in gradients: on (default) or off."
-    )
-    save_maps: Path | None = setting(
-        None,
-        "Folder for intermediate results: the settings, and images of the defocus, error map, classical and "
-        "neural render, mixed pixels and expected error.",
-    )
-    expected_error: Switch | None = setting(
-        None,
-        "Error estimate per pixel, in 8-bit levels, with engine rays or hybrid: on or off. Default: on with "
-        "--save-maps, unless a lens, an aberration or a gamma is set.",
     )

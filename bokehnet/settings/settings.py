@@ -2,7 +2,8 @@
 
 :class:`RenderSettings` is a frozen tree of groups and fields, as in ``settings.aperture.blades``. The options
 of the command line, the keys of presets and the tables of TOML files derive from it, and errors name a field
-by this path. The fields are defined in ``scene_settings.py``, ``look_settings.py`` and ``light_settings.py``.
+by this path. The fields are defined in ``scene_settings.py``, ``engine_settings.py``, ``look_settings.py``
+and ``light_settings.py``.
 """
 
 import dataclasses
@@ -15,6 +16,7 @@ from typing import Any
 
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.errors import ErrorCollector, ParameterError
+from bokehnet.settings.engine_settings import DeviceName, EngineName, EngineSettings, OutputSettings
 from bokehnet.settings.fields import Group, Setting, field_settings, from_plain, to_plain
 from bokehnet.settings.light_settings import LightSettings
 from bokehnet.settings.look_settings import (
@@ -24,16 +26,7 @@ from bokehnet.settings.look_settings import (
     HighlightSettings,
     LensSettings,
 )
-from bokehnet.settings.scene_settings import (
-    CameraSettings,
-    DepthSettings,
-    DeviceName,
-    EngineName,
-    EngineSettings,
-    FocusSettings,
-    InputSettings,
-    OutputSettings,
-)
+from bokehnet.settings.scene_settings import CameraSettings, DepthSettings, FocusSettings, InputSettings
 
 __all__ = [
     "ApertureSettings",

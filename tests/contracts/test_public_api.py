@@ -99,7 +99,13 @@ def test_old_public_names_still_work_but_are_not_offered():
     assert not set(bokehnet._OLD_NAMES) & set(bokehnet.__all__)
 
 
-TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace", "bokehnet.synth")
+TORCH_ROOMS = (
+    "bokehnet.classical.torch",
+    "bokehnet.models",
+    "bokehnet.raytrace",
+    "bokehnet.synth",
+    "bokehnet.torch",
+)
 
 
 @pytest.mark.parametrize(
@@ -130,6 +136,8 @@ TORCH_ROOMS = ("bokehnet.classical.torch", "bokehnet.models", "bokehnet.raytrace
         "bokehnet.arrays.pyramid",
         "bokehnet.raytrace",
         "bokehnet.synth.shards",
+        "bokehnet.torch",
+        "bokehnet.torch.occlusion",
     ],
 )
 def test_every_name_in_all_exists(module):

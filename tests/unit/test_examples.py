@@ -55,3 +55,14 @@ def test_rays_of_the_example_meet_what_the_scene_file_places():
     assert depth[0] == pytest.approx(distance * 650 / np.linalg.norm([110, 100, 650]), rel=1e-4)
     assert hit.tolist() == [True, False]
     assert color.shape == (2, 3)
+
+
+def test_layered_gradients_recover_depth_through_an_occlusion():
+    """Authority: the radii with which the numba rays made the picture."""
+    example = runpy.run_path(str(ROOT / "examples/depth_through_occlusion.py"))
+    image, wall, bar = example["make_scene"]()
+    bokeh = example["photograph"](image, wall, bar)
+    radii = example["recover"]("layered", image, wall, bar, bokeh, 25)
+    scattered = example["recover"]("scatter", image, wall, bar, bokeh, 25)
+    truth = torch.tensor(example["TRUTH"])
+    assert (radii - truth).abs()[:3].mean() < 0.5 * (scattered - truth).abs()[:3].mean()

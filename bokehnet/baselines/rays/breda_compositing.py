@@ -68,9 +68,7 @@ def _tiled(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def composite_breda(
     image: np.ndarray,
     post: np.ndarray,
-    rays: np.ndarray,
-    hit_ratio: np.ndarray,
-    sent: np.ndarray,
+    traced: tuple[np.ndarray, np.ndarray, np.ndarray],
     depth: np.ndarray,
     defocus: np.ndarray,
     focus_distance: float,
@@ -81,14 +79,14 @@ def composite_breda(
     Args:
         image: All-in-focus picture, (H, W, 3).
         post: Picture of the post-process, (H, W, 3).
-        rays: Mean light of the rays, (H, W, 3).
-        hit_ratio: Fraction of rays that hit in front of focus, (H, W).
-        sent: Number of rays, (H, W).
+        traced: Mean light of the rays, (H, W, 3), the fraction that hits in front of focus, and their number,
+            (H, W).
         depth: Depth, mm, (H, W).
         defocus: Signed blur radius, pixels, (H, W).
         focus_distance: Distance in focus, mm.
         alpha: Coverage of the foreground in the post-process, (H, W).
     """
+    rays, hit_ratio, sent = traced
     near_disparity, _ = _tiled(1 / depth)
     largest = 2 * _tiled(defocus)[1]
     diameter = 2 * np.abs(defocus)
@@ -97,8 +95,8 @@ def composite_breda(
     color = image + factor * (post - image)
     t = np.clip(hit_ratio / _HIT_RATIO, 0, 1)[..., None]
     far = rays + t * t * (3 - 2 * t) * (color - rays)
-    traced = np.where((defocus > 0)[..., None], rays, far)
-    result = np.where((sent > 0)[..., None], traced, color)
+    near_or_far = np.where((defocus > 0)[..., None], rays, far)
+    result = np.where((sent > 0)[..., None], near_or_far, color)
     return np.where((diameter <= in_focus_diameter(image.shape[1]))[..., None], image, result)
 
 

@@ -322,17 +322,8 @@ def _by_fields(
     merged, ratio = moments.merged()
     radius = np.abs(defocus).ravel()
     light, ratio = _smoothed(merged, ratio, moments.rays, moments.variance, radius, size)
-    return composite_breda(
-        image,
-        post,
-        light.reshape(*size, 3),
-        ratio.reshape(size),
-        moments.rays.reshape(size),
-        depth,
-        defocus,
-        focus,
-        fields[2],
-    ).reshape(-1, 3)
+    traced = light.reshape(*size, 3), ratio.reshape(size), moments.rays.reshape(size)
+    return composite_breda(image, post, traced, depth, defocus, focus, fields[2]).reshape(-1, 3)
 
 
 def _disparity_in_focus(lens: LensModel) -> float:

@@ -22,7 +22,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["lens_spreading"]
+__all__ = ["defocus_ladder", "lens_spreading", "spread_positions"]
 
 # Number of positions along the longer side; minimum step of the ladder in pixels, and as a fraction of the
 # radius.
@@ -67,17 +67,17 @@ def lens_spreading(
     lens_response = lens_response or LensResponse()
     if lens_response.is_ideal:  # the same everywhere
         columns, rows = columns[:1], rows[:1]
-    ladder = _ladder(float(defocus.min()), float(defocus.max()))
+    ladder = defocus_ladder(float(defocus.min()), float(defocus.max()))
     defocus_step, row, column = (axis.ravel() for axis in np.meshgrid(ladder, rows, columns, indexing="ij"))
     lights = np.ones((len(defocus_step), 8))
     lights[:, 0], lights[:, 1], lights[:, 2] = column, row, defocus_step
     tables, starts, halves = _tables(aperture, lens_response, lights, (height, width))
     sums, weights = np.zeros((height, width, 3)), np.zeros((height, width, 3))
-    _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights)
+    spread_positions(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights)
     return normalised(sums, weights, image)
 
 
-def _ladder(low: float, high: float) -> np.ndarray:
+def defocus_ladder(low: float, high: float) -> np.ndarray:
     """Return at least two steps of defocus that enclose ``low`` to ``high``, from a ladder through 0."""
     radii = [0.0]
     while radii[-1] <= max(-low, high):
@@ -107,7 +107,7 @@ def _tables(
 
 
 @njit(cache=True)
-def _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights):
+def spread_positions(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights):
     """Add each pixel times the mix of its eight tables to ``sums``, and the mix to ``weights``, in place."""
     height, width, _ = image.shape
     for y in range(height):

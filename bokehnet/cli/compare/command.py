@@ -7,7 +7,7 @@ import click
 from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, with_options
 from bokehnet.cli.parser import SectionedCommand, argument
 from bokehnet.errors import ParameterError
-from bokehnet.settings.scene_settings import EngineSettings, OutputSettings
+from bokehnet.settings.engine_settings import EngineSettings, OutputSettings
 from bokehnet.settings.settings import RenderSettings, group_types
 
 __all__ = ["compare"]

@@ -7,7 +7,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import ImageFileError, errors_of_file
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
 
 __all__ = ["NUMPY_EXTENSIONS", "read_numpy_map"]
@@ -31,15 +31,12 @@ def read_numpy_map(path: Path, channel: str | None = None) -> NDArray[Any]:
         ImageFileError: The file is damaged, too large, holds objects, or no map can be chosen.
     """
     check_intact(path)
-    try:
-        with path.open("rb") as file:
-            if zipfile.is_zipfile(file):
-                file.seek(0)
-                return _read_archive(path, file, channel)
+    with errors_of_file(path, "a NumPy array", ImageFileError), path.open("rb") as file:
+        if zipfile.is_zipfile(file):
             file.seek(0)
-            return _read_array(path, file, path.stat().st_size)
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as problem:
-        raise ImageFileError(f"{path}: expected a NumPy array, found a damaged file ({problem})") from problem
+            return _read_archive(path, file, channel)
+        file.seek(0)
+        return _read_array(path, file, path.stat().st_size)
 
 
 def _read_archive(path: Path, file: IO[bytes], channel: str | None) -> NDArray[Any]:

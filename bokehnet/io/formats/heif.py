@@ -18,13 +18,23 @@ from bokehnet.io.color.icc import read_profile
 from bokehnet.io.containers.input_checks import check_pixel_count
 from bokehnet.io.depth.apple_depth import PIXEL_DATA, apple_coding
 from bokehnet.io.depth.depth_coding import DepthCoding
+from bokehnet.io.metadata.gain_map import APPLE_ITEM, AppleCoding
+from bokehnet.io.metadata.gain_map import apple_coding as gain_coding
 from bokehnet.io.metadata.photo_metadata import Metadata, validated
 from bokehnet.io.metadata.xmp import parse_xmp
 
 if TYPE_CHECKING:
-    from pillow_heif import HeifDepthImage, HeifFile
+    from pillow_heif import HeifAuxImage, HeifDepthImage, HeifFile
 
-__all__ = ["HEIF_EXTENSIONS", "HeifPicture", "heif_size", "is_heif", "read_heif", "read_heif_depth"]
+__all__ = [
+    "HEIF_EXTENSIONS",
+    "HeifPicture",
+    "heif_size",
+    "is_heif",
+    "read_heif",
+    "read_heif_depth",
+    "read_heif_gain_map",
+]
 
 HEIF_EXTENSIONS = (".heic", ".heif")
 
@@ -152,6 +162,34 @@ def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding]
     return _pixels(path, maps[0])[..., 0], coding
 
 
+def read_heif_gain_map(
+    path: Path | str, exif: bytes | None
+) -> tuple[NDArray[np.float32], AppleCoding] | None:
+    """Read Apple's gain map of the primary picture, upright; None if there is none.
+
+    Args:
+        path: HEIC or HEIF file.
+        exif: EXIF of the primary picture, or None.
+
+    Returns:
+        Stored values of 0 to 1, (h, w, C), and their coding.
+
+    Raises:
+        ImageFileError: The map or its metadata are damaged.
+    """
+    file = _open(path)
+    maps = (file.info.get("aux") or {}).get(APPLE_ITEM)
+    if not maps:
+        return None
+    packets = list(islice(_packets(Path(path).read_bytes()), _MAX_PACKETS))
+    roots = [parse_xmp(path, packet) for packet in packets if b"HDRGainMapHeadroom" in packet]
+    try:
+        auxiliary = file[file.primary_index].get_aux_image(maps[0])
+    except _DECODER_ERRORS as error:
+        raise ImageFileError(f"{path}: the gain map is damaged ({_one_line(error)})") from error
+    return _pixels(path, auxiliary)[..., :3], gain_coding(path, roots, exif)
+
+
 def _apple_coding(path: Path | str) -> DepthCoding | None:
     for packet in islice(_packets(Path(path).read_bytes()), _MAX_PACKETS):
         if PIXEL_DATA.encode() in packet:
@@ -182,7 +220,7 @@ def _open(path: Path | str) -> "HeifFile":
     return file
 
 
-def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.float32]:
+def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage | HeifAuxImage") -> NDArray[np.float32]:
     """Decode to (H, W, C) in [0, 1]."""
     width, height = image.size
     check_pixel_count(path, width, height)
@@ -192,7 +230,7 @@ def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.
         raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
     values = values if values.ndim == 3 else values[..., None]
     top = np.iinfo(values.dtype).max
-    bits = image.info.get("bit_depth")
+    bits = getattr(image, "info", {}).get("bit_depth")
     bits = bits if isinstance(bits, int) else 8
     if values.dtype == np.uint16 and 8 < bits < 16:  # left-aligned in 16 bits
         top = (2**bits - 1) << (16 - bits)

@@ -71,6 +71,8 @@ class OutputFormat:
         quality: Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP at 100 is lossless.
         subsampling: Chroma subsampling of JPEG, AVIF and HEIC.
         dither: True dithers the rounding to 8 bits, so that gradients show no bands.
+        shoulder: True compresses light above white to its square root, with its colour, before each channel
+            is clipped, so that lamps keep colour; files of whole numbers only. Light up to white is the same.
 
     Raises:
         ParameterError: A value is not one of these.
@@ -81,12 +83,14 @@ class OutputFormat:
     quality: int = 97
     subsampling: Subsampling = "4:4:4"
     dither: bool = True
+    shoulder: bool = False
 
     def __post_init__(self) -> None:
         check_choice("color_space", self.color_space, COLOR_SPACE_NAMES)
         check_range("quality", self.quality, 1, 100)
         check_choice("subsampling", self.subsampling, SUBSAMPLINGS)
         check_flag("dither", self.dither)
+        check_flag("shoulder", self.shoulder)
 
 
 def check_format(path: Path, output_format: OutputFormat) -> None:

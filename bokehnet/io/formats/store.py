@@ -96,7 +96,7 @@ def store_picture(
         is_srgb = None if target == source.space else target == SRGB
         metadata = metadata.refreshed(source.path or path, width, height, is_srgb=is_srgb)
     channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
-    stored = _stored_values(image, alpha, source.space, target, stored_bits, output_format.dither, extension)
+    stored = _stored_values(image, alpha, source.space, target, stored_bits, output_format, extension)
     if extra_channels:
         stored = _with_channels(stored, tuple(extra_channels.values()))
         channels = (*channels, *extra_channels)
@@ -156,7 +156,7 @@ def _stored_values(
     source: ColorSpace,
     target: ColorSpace,
     bits: Bits,
-    dither: bool,
+    output_format: OutputFormat,
     extension: str,
 ) -> Callable[[slice], Array]:
     """Return a function from rows to their stored values."""
@@ -178,10 +178,12 @@ def _stored_values(
         if alpha is not None:
             coverage = alpha[rows]
             light = light / np.where(coverage > 0, coverage, 1)[..., None]
+        if output_format.shoulder and bound == 1.0:
+            light = light / np.sqrt(np.maximum(light.max(axis=-1, keepdims=True), 1))
         values = target.encode(np.clip(light, 0, bound))
         if alpha is not None:
             values = np.dstack([values, np.clip(coverage, 0, 1)])
-        top = rows.start if dither and bits == 8 else None
+        top = rows.start if output_format.dither and bits == 8 else None
         return quantise(values, int(bits), top=top)
 
     return floating if isinstance(bits, str) else integers

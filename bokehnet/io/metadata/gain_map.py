@@ -14,11 +14,19 @@ from bokehnet.io.containers.jpeg import APP1, APP2, JPEG_START, jpeg_layout, seg
 from bokehnet.io.metadata.exif import maker_note, read_directory
 from bokehnet.io.metadata.xmp import jpeg_xmp, xmp_properties
 
-__all__ = ["AppleCoding", "GainCoding", "StoredGainMap", "gain_map_kind", "jpeg_gain_map"]
+__all__ = [
+    "APPLE_ITEM",
+    "AppleCoding",
+    "GainCoding",
+    "StoredGainMap",
+    "apple_coding",
+    "gain_map_kind",
+    "jpeg_gain_map",
+]
 
 _ISO = b"urn:iso:std:iso:ts:21496:-1"
 _ULTRA_HDR, _APPLE = "http://ns.adobe.com/hdr-gain-map/1.0/", "http://ns.apple.com/HDRGainMap/1.0/"
-_APPLE_ITEM = "urn:com:apple:photo:2020:aux:hdrgainmap"
+APPLE_ITEM = "urn:com:apple:photo:2020:aux:hdrgainmap"
 _PIXEL_DATA = "http://ns.apple.com/pixeldatainfo/1.0/"
 _RDF_ITEM = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}li"
 
@@ -28,7 +36,7 @@ _RDF_ITEM = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}li"
 _NAMES = {
     _ISO: "ISO 21496-1",
     _ULTRA_HDR.encode(): "Ultra HDR",
-    _APPLE_ITEM.encode(): "Apple HDR",
+    APPLE_ITEM.encode(): "Apple HDR",
     _APPLE.encode(): "Apple HDR",
 }
 
@@ -127,11 +135,9 @@ def jpeg_gain_map(path: Path | str, exif: bytes | None) -> StoredGainMap | None:
             return StoredGainMap(kind="ISO 21496-1", picture=picture, coding=_iso_coding(path, iso))
         if "Version" in xmp_properties(roots, _ULTRA_HDR):
             return StoredGainMap(kind="Ultra HDR", picture=picture, coding=_xmp_coding(path, roots))
-        apple = xmp_properties(roots, _APPLE)
-        is_apple = xmp_properties(roots, _PIXEL_DATA).get("AuxiliaryImageType") == _APPLE_ITEM
-        if apple or is_apple:
-            headroom = _apple_headroom(path, apple.get("HDRGainMapHeadroom"), exif)
-            return StoredGainMap(kind="Apple HDR", picture=picture, coding=AppleCoding(headroom=headroom))
+        is_apple = xmp_properties(roots, _PIXEL_DATA).get("AuxiliaryImageType") == APPLE_ITEM
+        if is_apple or xmp_properties(roots, _APPLE):
+            return StoredGainMap(kind="Apple HDR", picture=picture, coding=apple_coding(path, roots, exif))
     return None
 
 
@@ -215,15 +221,24 @@ def _checked(path: Path | str, coding: GainCoding) -> GainCoding:
     return coding
 
 
-def _apple_headroom(path: Path | str, text: str | None, exif: bytes | None) -> float:
-    """Return the largest gain of Apple's map, from its XMP or the maker note of its picture.
+def apple_coding(path: Path | str, roots: Sequence[Element], exif: bytes | None) -> AppleCoding:
+    """Return the coding of Apple's map, from its XMP or the maker note of its picture.
+
+    Args:
+        path: File, for messages.
+        roots: Parsed XMP of the map.
+        exif: EXIF of the picture, or None.
+
+    Raises:
+        ImageFileError: The headroom is missing or out of range.
 
     Source: Apple, "Applying Apple HDR effect to your photos", 2023: stops by tags 33 and 48.
     """
+    text = xmp_properties(roots, _APPLE).get("HDRGainMapHeadroom")
     if text is not None:
         if not re.fullmatch(r"\d{1,4}(\.\d{1,16})?", text) or not 1 <= float(text) <= 2**_MAX_STOPS:
             raise ImageFileError(f"{path}: HDRGainMapHeadroom: expected 1 or more, found {text[:40]!r}")
-        return float(text)
+        return AppleCoding(headroom=float(text))
     bright, dark = _apple_tags(exif)
     if not (math.isfinite(bright) and math.isfinite(dark)):
         raise ImageFileError(f"{path}: expected the headroom of Apple's gain map in tags 33 and 48")
@@ -231,7 +246,7 @@ def _apple_headroom(path: Path | str, text: str | None, exif: bytes | None) -> f
         stops = -20 * dark + 1.8 if dark <= 0.01 else -0.101 * dark + 1.601
     else:
         stops = -70 * dark + 3.0 if dark <= 0.01 else -0.303 * dark + 2.303
-    return float(2 ** min(max(stops, 0.0), _MAX_STOPS))
+    return AppleCoding(headroom=float(2 ** min(max(stops, 0.0), _MAX_STOPS)))
 
 
 def _apple_tags(exif: bytes | None) -> tuple[float, float]:

@@ -1,10 +1,11 @@
 """Resampling of pictures at fractional pixel positions."""
 
 import numpy as np
+import numpy.typing as npt
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["inside", "sample"]
+__all__ = ["bilinear", "inside", "sample"]
 
 
 def sample(image: Array, places: Array) -> Array:
@@ -38,6 +39,30 @@ def sample(image: Array, places: Array) -> Array:
         pixels = [_take(flat, start + column) for column in columns]
         rows.append(_blend(pixels, weights_x))
     return _blend(rows, weights_y)
+
+
+def bilinear(
+    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, dtype: npt.DTypeLike = np.float64
+) -> np.ndarray:
+    """Return NumPy values at fractional positions by bilinear interpolation.
+
+    Args:
+        values: (..., H, W).
+        rows: Positions downwards, pixels, 0 to H - 1, any shape; 0 is the centre of the first row.
+        columns: Positions to the right, pixels, 0 to W - 1, the same shape.
+        dtype: Type of the weights.
+
+    Returns:
+        The leading axes of ``values``, then those of the positions.
+    """
+    height, width = values.shape[-2:]
+    top, left = rows.astype(np.intp), columns.astype(np.intp)
+    bottom, right = np.minimum(top + 1, height - 1) * width, np.minimum(left + 1, width - 1)
+    y, x = (rows - top).astype(dtype), (columns - left).astype(dtype)
+    flat, top = values.reshape(*values.shape[:-2], height * width), top * width
+    upper = flat[..., top + left] * (1 - x) + flat[..., top + right] * x
+    lower = flat[..., bottom + left] * (1 - x) + flat[..., bottom + right] * x
+    return upper * (1 - y) + lower * y
 
 
 def inside(places: Array, height: int, width: int) -> Array:

@@ -13,7 +13,7 @@ from bokehnet import baselines
 from bokehnet.baselines.apertures import psf_image, radius_ladder
 from bokehnet.baselines.gather.basic_gather import random_number
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
-from bokehnet.baselines.spread.lens_tables import _ladder, _tables
+from bokehnet.baselines.spread.lens_tables import _tables, defocus_ladder
 from bokehnet.baselines.spread.lommel_spots import WAVELENGTHS, lommel_table
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -337,7 +337,7 @@ def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
     response = LensResponse(chromatic_aberration=ChromaticAberration(axial=1, lateral=1))
     height, width = defocus.shape
     columns, rows = np.array([0.0, 8, 16, 24]), np.array([0.0, 8, 16])
-    ladder = _ladder(float(defocus.min()), float(defocus.max()))
+    ladder = defocus_ladder(float(defocus.min()), float(defocus.max()))
     lights = np.ones((len(ladder) * 12, 8))
     lights[:, :3] = [(column, row, rung) for rung in ladder for row in rows for column in columns]
     tables, starts, halves = _tables(Aperture(), response, lights, (height, width))

@@ -466,3 +466,11 @@ def test_earlier_names_of_keywords_still_work(tmp_path, store):
     for name in ("before.exr", "image.exr"):
         found = read_channels(tmp_path / name)
         assert all(np.array_equal(found[key][1], expected[key][1]) for key in expected)
+
+
+@pytest.mark.parametrize("name", ["ink.jpg", "ink.tif"])
+def test_inks_without_a_profile_are_noted(tmp_path, name):
+    """Authority: Pillow, which writes CMYK."""
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(np.full((8, 12, 3), 90, np.uint8)).convert("CMYK").save(tmp_path / name)
+    assert any("CMYK" in note for note in read_frame(tmp_path / name).notes)

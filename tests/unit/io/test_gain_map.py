@@ -11,11 +11,12 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.frame import read_frame
 from bokehnet.io.info import image_info
-from bokehnet.io.metadata.gain_map import jpeg_gain_map
+from bokehnet.io.metadata.gain_map import APPLE_ITEM, jpeg_gain_map
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import RelativeDisparity
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.settings import RenderSettings
+from tests.unit.io.depth.phone_files import heic_with_auxiliary
 
 HEIGHT, WIDTH = 64, 96
 BRIGHT = 200  # stored value of the map where the window is
@@ -147,6 +148,22 @@ def test_headroom_of_apple_comes_from_the_maker_note(tmp_path, bright, dark, sto
     assert frame.gain_map.largest == pytest.approx(2**stops, rel=1e-6)
     expected = 1 + (2**stops - 1) * float(srgb_to_linear(np.float32(BRIGHT / 255)))
     assert_allclose(frame.gain_map.light(frame.image)[30, 48], expected, rtol=0.01)
+
+
+def test_apple_map_of_a_heic_file(tmp_path):
+    """Authority: as above, in an auxiliary picture."""
+    pytest.importorskip("pillow_heif", reason="needs the extra heif")
+    grey = np.full((HEIGHT // 2, WIDTH // 2), BRIGHT, np.uint8)
+    xmp = apple(4.5)[1].partition(b"\0")[2]
+    path = tmp_path / "photo.heic"
+    path.write_bytes(heic_with_auxiliary(picture(), grey, APPLE_ITEM, xmp=xmp))
+    frame = read_frame(path)
+    expected = 1 + 3.5 * float(srgb_to_linear(np.float32(BRIGHT / 255)))
+    assert_allclose(frame.gain_map.light(frame.image)[30, 48], expected, rtol=0.02)
+    assert image_info(path).gain_map == "Apple HDR, 48 x 32 pixels, up to 4.5x white"
+    path.write_bytes(heic_with_auxiliary(picture(), grey, APPLE_ITEM))
+    assert read_frame(path).gain_map is None
+    assert any(note.startswith("the gain map is ignored: ") for note in read_frame(path).notes)
 
 
 def test_headroom_of_apple_in_xmp_is_preferred(tmp_path):

@@ -256,3 +256,15 @@ def test_a_step_stays_a_step_in_its_place_at_odd_factors(factor):
     values[:, 3:] = 1
     found = resize_map(values, 5 * factor, 8 * factor)
     assert_array_equal(found, np.repeat(np.repeat(values, factor, 0), factor, 1))
+
+
+@pytest.mark.parametrize(("hidden", "noted"), [(0, False), (12, True), (96, False)])
+def test_transparent_pixels_of_a_map_keep_their_values_with_a_note(tmp_path, hidden, noted):
+    image = pytest.importorskip("PIL.Image")
+    grey = np.arange(96, dtype=np.uint8).reshape(8, 12)
+    alpha = np.full(96, 255, np.uint8)
+    alpha[:hidden] = 0
+    image.fromarray(np.dstack([grey, alpha.reshape(8, 12)])).save(tmp_path / "map.png")
+    stored = read_stored_map(tmp_path / "map.png")
+    np.testing.assert_array_equal(stored.numbers, grey)
+    assert any(f"{hidden} pixels of the map are transparent" in note for note in stored.notes) == noted

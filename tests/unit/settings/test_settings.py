@@ -192,7 +192,7 @@ VALID = [
         "engine": {"name": "hybrid", "weights": "nets", "max_memory": 2**31, "device": "auto"},
         "output": {
             "save_maps": "maps/ü", "color_space": "prophoto", "bits": "16", "quality": 80,
-            "subsampling": "4:2:0", "dither": "off", "expected_error": "on",
+            "subsampling": "4:2:0", "dither": "off", "shoulder": "on", "expected_error": "on",
         },
     },
     {
@@ -529,6 +529,7 @@ def test_choices_are_those_of_the_rooms_below():
         "output.bits": set(map(str, typing.get_args(Bits))),
         "output.subsampling": set(SUBSAMPLINGS),
         "output.dither": {"on", "off"},
+        "output.shoulder": {"on", "off"},
         "output.expected_error": {"on", "off"},
     }
 

@@ -83,3 +83,13 @@ def test_headers_cannot_announce_more_than_the_file_holds(tmp_path):
         archive.writestr("depth.npy", buffer.getvalue())
     with pytest.raises(ImageFileError, match=r"truncated|more than the limit"):
         read_numpy_map(tmp_path / "d.npz")
+
+
+def test_a_header_that_python_cannot_parse_is_one_error(tmp_path):
+    """A fuzzed shape ended in ``tokenize.TokenError``."""
+    np.save(tmp_path / "d.npy", VALUES)
+    data = (tmp_path / "d.npy").read_bytes()
+    end = data.index(b"(") + 2
+    (tmp_path / "d.npy").write_bytes(data[:end] + b"\x7f\0\0" + b" " * 10 + data[end + 13 :])
+    with pytest.raises(ImageFileError, match="expected a NumPy array"):
+        read_numpy_map(tmp_path / "d.npy")

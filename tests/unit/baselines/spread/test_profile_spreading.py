@@ -1,0 +1,51 @@
+"""Spreading with a profile texture against the traced image of a point on the axis."""
+
+import numpy as np
+import pytest
+
+from bokehnet.baselines.spread.profile_spreading import plane_of_blur, profile_spreading
+from bokehnet.errors import ParameterError
+from bokehnet.lenses import load_lens
+from bokehnet.lenses.aberrations.point_spread import correlation, traced_psf
+from bokehnet.lenses.lookup.profile_texture import profile_row, trace_profile_texture
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
+
+LENS = load_lens("double_gauss", focus_distance=3000.0)
+TEXTURE = trace_profile_texture(LENS)
+PITCH = 0.03
+
+
+@pytest.mark.parametrize("depth", [2200.0, 5000.0])
+def test_the_plane_is_that_of_the_depth_with_this_blur(depth):
+    """Authority: the mapping of depths, from the principal planes."""
+    radius = float(LENS.coc_radius(1 / depth))
+    for wavelength in (450.0, 587.6):
+        plane = plane_of_blur(TEXTURE, LENS, radius, wavelength)
+        assert plane == pytest.approx(profile_row(TEXTURE, LENS, depth, wavelength), abs=0.02)
+
+
+@pytest.mark.parametrize("depth", [2200.0, 5000.0])
+def test_a_light_on_the_axis_is_its_traced_image(depth):
+    """Authority: rays through the glass."""
+    radius = float(LENS.coc_radius(1 / depth)) / PITCH
+    image = np.zeros((65, 65, 3), np.float32)
+    image[32, 32] = 100.0
+    made = profile_spreading(image, np.full((65, 65), radius, np.float32), TEXTURE, LENS, PITCH)
+    wavelengths, colors = WavelengthSampling().sample(12)
+    traced = traced_psf(
+        LENS,
+        depth=depth,
+        field=(0.0, 0.0),
+        wavelengths=wavelengths,
+        colors=colors,
+        pitch=PITCH,
+        size=65,
+        rays=12_000,
+    )
+    assert correlation(made, traced) > 0.95
+    assert made.sum() == pytest.approx(300.0, rel=0.01)
+
+
+def test_a_pitch_of_zero_is_an_error():
+    with pytest.raises(ParameterError, match="pixel_pitch"):
+        profile_spreading(np.zeros((4, 4, 3)), np.zeros((4, 4)), TEXTURE, LENS, 0.0)
