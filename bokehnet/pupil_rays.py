@@ -24,7 +24,17 @@ from typing import NamedTuple
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["BINS", "TILE", "Slab", "find_surface", "is_inside", "slab_bins"]
+__all__ = [
+    "BINS",
+    "TILE",
+    "Slab",
+    "SlabScan",
+    "find_surface",
+    "first_scan",
+    "is_inside",
+    "max_bins_of",
+    "scan_bin",
+]
 
 # Side of a tile, pixels, and number of equal bins between the smallest and the largest defocus.
 TILE, BINS = 16, 64
@@ -88,35 +98,55 @@ def find_surface(
     return defocus
 
 
-def slab_bins(occupied: Sequence[Array], slabs: int, integer: Array) -> list[tuple[Array, Array]]:
-    """Return the first and the last bin of each slab, -1 for an empty one.
+class SlabScan(NamedTuple):
+    """State of the division of the bins of each tile into slabs, from front to back.
 
-    A slab begins after ``_MIN_GAP_BINS`` empty bins, or where the previous one contains its fraction of all
-    bins; the last slab contains the rest.
+    Attributes:
+        previous: Last occupied bin.
+        start: First bin of the current slab.
+        current: Number of the current slab, from 0; -1 before the first.
+        bounds: First bin of each slab, then last bin of each; -1 for an empty slab.
+    """
+
+    previous: Array
+    start: Array
+    current: Array
+    bounds: tuple[Array, ...]
+
+
+def first_scan(integer: Array, slabs: int) -> SlabScan:
+    """Return the state before the first bin; ``integer`` holds zeros in the shape of the tiles."""
+    return SlabScan(integer - BINS, integer - BINS, integer - 1, (integer - 1,) * (2 * slabs))
+
+
+def scan_bin(scan: SlabScan, bin: Array, mask: Array, max_bins: Array) -> SlabScan:
+    """Return the state after one more bin.
+
+    A slab begins after ``_MIN_GAP_BINS`` empty bins, or where the previous one has ``max_bins`` bins; the
+    last slab contains the rest.
 
     Args:
-        occupied: For each bin, front to back, the mask of tiles whose rays can meet a surface in it.
-        slabs: Number of slabs.
-        integer: Zeros of an integer dtype, in the shape of the masks.
+        scan: State after the bin in front.
+        bin: Number of the bin.
+        mask: Tiles whose rays can meet a surface in it.
+        max_bins: Bins per slab, by tile.
     """
-    xp = array_namespace(integer)
-    first, last = integer + len(occupied), integer - 1
-    for bin, mask in enumerate(occupied):
-        first = xp.where(mask & (last < 0), integer + bin, first)
-        last = xp.where(mask, integer + bin, last)
-    max_bins = (last - first + slabs) // slabs
-    previous, start, current = (integer - len(occupied) for _ in range(3))
-    current = integer - 1
-    bounds = [(integer - 1, integer - 1) for _ in range(slabs)]
-    for bin, mask in enumerate(occupied):
-        here = integer + bin
-        begins = mask & ((here - previous > _MIN_GAP_BINS) | (here - start >= max_bins))
-        begins = begins & (current < slabs - 1)
-        current = xp.where(begins, current + 1, current)
-        start, previous = xp.where(begins, here, start), xp.where(mask, here, previous)
-        for slab, (front, back) in enumerate(bounds):
-            if slab > bin:
-                break
-            is_own = (current >= slab) & (current <= slab)
-            bounds[slab] = (xp.where(begins & is_own, here, front), xp.where(mask & is_own, here, back))
-    return bounds
+    xp = array_namespace(max_bins)
+    slabs = len(scan.bounds) // 2
+    here = max_bins * 0 + bin
+    begins = mask & ((here - scan.previous > _MIN_GAP_BINS) | (here - scan.start >= max_bins))
+    begins = begins & (scan.current < slabs - 1)
+    current = xp.where(begins, scan.current + 1, scan.current)
+    bounds = []
+    for number, bound in enumerate(scan.bounds):
+        slab = number % slabs
+        is_own = (current >= slab) & (current <= slab)
+        bounds.append(xp.where((begins if number < slabs else mask) & is_own, here, bound))
+    return SlabScan(
+        xp.where(mask, here, scan.previous), xp.where(begins, here, scan.start), current, tuple(bounds)
+    )
+
+
+def max_bins_of(first: Array, last: Array, slabs: int) -> Array:
+    """Return the bins per slab that divide the range from the first to the last occupied bin evenly."""
+    return (last - first + slabs) // slabs

@@ -101,10 +101,11 @@ def main() -> None:
             print(f"{kind} | {camera_name} | {means} | {closed} | {(recovered - off).min():+.2f}", flush=True)
     if arguments.figures is not None:
         ablated = " --ablate" if arguments.ablate else ""
-        command = f"python -m benchmarks.quality.clipped_light{ablated} --seeds {arguments.seeds}"
+        kinds = " ".join(arguments.kinds)
+        options = f"{ablated} --seeds {arguments.seeds} --kinds {kinds}"
         write_figures(
             arguments.figures / "clipped_light.json",
-            f"{command} --figures docs/figures",
+            f"python -m benchmarks.quality.clipped_light{options} --figures docs/figures",
             f"own traced scenes of 384x256, {arguments.seeds} of each kind; mean PSNR of the rays, dB",
             {key: (key, ".2f") for key in next(iter(figures.values()))},
             figures,

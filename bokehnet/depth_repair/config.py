@@ -9,7 +9,7 @@ from dataclasses import dataclass
 __all__ = ["BLOCK_PX", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
 
 # Stages that can be switched off, in the order of their work.
-STAGES = ("denoise", "overshoots", "sharpen", "register", "network", "deblur", "snap", "thin")
+STAGES = ("denoise", "overshoots", "sharpen", "register", "network", "deblur", "snap", "thin", "grow")
 
 # Side of a block, pixels: the network halves its input three times.
 BLOCK_PX = 8
@@ -32,6 +32,9 @@ class RepairConfig:
         min_overshoots: Fraction of the pixels near edges that overshoot, from which overshoots are removed:
             0.003 to 0.014 in blurred, coarse and jagged maps, 0.039 in maps of networks, 0.09 to 0.135 in
             maps enlarged with a cubic.
+        max_thin_fraction: Fraction of thin structures below which they are grown, because the map may have
+            lost them: 0.000 in opened and eroded maps, 0.006 and more in maps of stereo and in blurred maps,
+            0.043 and more in exact maps of scenes with thin structures.
         base_side_px: Maximum side of the size at which map and picture are compared and the network runs.
         max_shift_px: Upper bound of translation and growth.
         min_certainty: Minimum certainty of the edge profile of a map for any change. Profiles of random maps
@@ -50,6 +53,7 @@ class RepairConfig:
     noise_range: tuple[float, float] = (0.003, 0.04)
     min_softness: float = 0.25
     min_overshoots: float = 0.025
+    max_thin_fraction: float = 0.002
     base_side_px: int = 1024
     max_shift_px: int = 7
     min_certainty: float = 0.25

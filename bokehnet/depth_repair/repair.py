@@ -8,7 +8,8 @@ Steps; each stage is documented in its own module with its published method:
    measured (``diagnosis.py``). A map whose edges do not follow the picture stays as it is;
 3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
    blurred detail is restored (``stages/deblur.py``), and so are thin structures
-   (``stages/thin_structures.py``);
+   (``stages/thin_structures.py``); maps without any thin structure are grown along their colours
+   (``stages/thin_growth.py``);
 4. one rule accepts the changes in each place (``acceptance.py``);
 5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
@@ -37,6 +38,7 @@ from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
 from bokehnet.depth_repair.stages.overshoots import overshoot_fraction, remove_overshoots
 from bokehnet.depth_repair.stages.register import Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
+from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures, thin_fraction
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.progress import Progress, ignore_progress
@@ -195,6 +197,13 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
+        if decides and self._lacks_thin_structures(diagnosis.placement.apply(start)):
+            grown = grow_thin_structures(
+                colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
+            )
+            accepted = accepted_blocks(colors, proposal, grown, config)
+            proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
+            blocks |= accepted
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -246,6 +255,11 @@ class DisparityRepair:
             hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
             repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
         return repaired
+
+    def _lacks_thin_structures(self, placed: np.ndarray) -> bool:
+        """Return whether a map has lost its thin structures, so that they are grown."""
+        config, min_height = self._config, MIN_EDGE_HEIGHT * float(np.ptp(placed))
+        return "grow" in config.stages and thin_fraction(placed, min_height) < config.max_thin_fraction
 
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float

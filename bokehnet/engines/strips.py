@@ -83,8 +83,10 @@ def cut_strips(
     Raises:
         ParameterError: The narrowest strip exceeds the memory.
     """
-    reach = max(max_coc_radius, max_ray_reach or 0)
+    reach, shown_width = max(max_coc_radius, max_ray_reach or 0), width
     halo = _halo(height, reach, classical)
+    if classical == "scatter":  # its largest arrays continue beyond both borders
+        width += 2 * min(reach, -(-min(height, width) // 2))
     max_rows = max(0, memory - memory_in_use) // (CLASSICAL[classical].bytes_per_pixel * width)
     rows = height if max_rows >= height else _aligned(max_rows - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:
@@ -93,7 +95,7 @@ def cut_strips(
         raise ParameterError(
             "max_memory",
             f"at least {math.ceil((memory_in_use + min_bytes) / 1e6)} MB {scope}, for a "
-            f"width of {width} and blur of {max_coc_radius} pixels",
+            f"width of {shown_width} and blur of {max_coc_radius} pixels",
             memory,
             shown=f"{memory / 1e6:.0f} MB",
         )

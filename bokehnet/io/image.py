@@ -97,6 +97,7 @@ def write_image(
     color_space: Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",
     dither: bool = True,
+    shoulder: bool = False,
     extra_channels: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write a scene-linear picture atomically; the extension selects the format.
@@ -119,6 +120,7 @@ def write_image(
         color_space: Colour space of the file, stored as a profile unless it is sRGB; "keep" means sRGB too.
         subsampling: Chroma subsampling of JPEG, AVIF and HEIC.
         dither: True dithers the rounding to 8 bits, so that gradients show no bands.
+        shoulder: True compresses light above white to its square root before it is clipped.
         extra_channels: Additional channels of an EXR file, (H, W) by name, finite.
 
     Raises:
@@ -133,6 +135,7 @@ def write_image(
             "color_space": color_space,
             "subsampling": subsampling,
             "dither": dither,
+            "shoulder": shoulder,
             "extra_channels": extra_channels,
         }
         write_to_stream(cast(BinaryIO, path), format, lambda file: write_image(file, image, **options))
@@ -143,7 +146,12 @@ def write_image(
     check_writable(path)
     check_image("image", image)
     output_format = OutputFormat(
-        color_space=color_space, bits=bits, quality=quality, subsampling=subsampling, dither=dither
+        color_space=color_space,
+        bits=bits,
+        quality=quality,
+        subsampling=subsampling,
+        dither=dither,
+        shoulder=shoulder,
     )
     check_format(path, output_format)
     if alpha is not None:

@@ -1,11 +1,11 @@
 """Recovery of the light that a display-referred picture has clipped."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from bokehnet.light.areas import add_areas
-from bokehnet.light.bright_picture import Array, BrightPicture, ramp
+from bokehnet.light.bright_picture import Array, BrightPicture, Indices, ramp
 from bokehnet.light.clip_level import ClipLevel, clip_levels
 from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
 from bokehnet.light.lamps import add_lamps
@@ -22,12 +22,14 @@ class RecoveredLight:
         fraction: Fraction of the pixels that were brightened.
         largest: Largest light, relative to the clip level; 1 if nothing was recovered.
         source: Origin of the light, for the summary.
+        pixels: Indices of the brightened pixels in the flattened picture, (N,).
     """
 
     image: Array
     fraction: float = 0.0
     largest: float = 1.0
     source: str = "estimated"
+    pixels: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @property
     def note(self) -> str:
@@ -82,6 +84,7 @@ def recover_light(
         image=result,
         fraction=float(brightened.mean()),
         largest=float(result[brightened].max() / levels.clipped),
+        pixels=np.flatnonzero(brightened),
     )
 
 
@@ -117,6 +120,7 @@ def measured_light(
         fraction=float(brightened.mean()),
         largest=float(result.max()),
         source=f"by the {kind} gain map",
+        pixels=np.flatnonzero(brightened),
     )
 
 

@@ -17,7 +17,7 @@ from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
 
 __all__ = ["GraphLayers", "split_layers"]
 
-# Directions in which the background is searched, rows and columns, and the number of doubled steps.
+# Directions in which the background is searched, rows and columns, and the number of doublings of the step.
 _DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _DOUBLINGS = 7
 
@@ -166,12 +166,12 @@ def _write(g: Graph, target: Value, index: Value, values: Value) -> Value:
     return g.op("ScatterND", target, index.reshape(-1, 1), values)
 
 
-def _shift(g: Graph, x: Value, down: int, right: int, fill: float) -> Value:
-    """Return (H, W) with the value of the pixel at (y + down, x + right), ``fill`` beyond the border."""
-    for axis, offset in ((0, down), (1, right)):
-        if offset == 0:
+def _shift(g: Graph, x: Value, direction: tuple[int, int], step: Value | int, fill: float) -> Value:
+    """Return (H, W) with the value of the pixel ``step`` pixels away, ``fill`` beyond the border."""
+    for axis, sign in enumerate(direction):
+        if sign == 0:
             continue
-        at = g.count_up(x.size(axis)) + offset
+        at = g.count_up(x.size(axis)) + step * sign
         last = x.size(axis) - 1
         inside = (at >= 0) & (at <= last)
         shape = (-1, 1) if axis == 0 else (1, -1)
@@ -185,21 +185,20 @@ def _search(g: Graph, defocus: Value, direction: tuple[int, int]) -> tuple[Value
     The steps double: a pixel takes over what the pixel at that distance has met, if it hides that, too.
     """
     length = float(np.hypot(*direction))
-    count, behind = defocus * 0, defocus
-    for doubling in range(_DOUBLINGS):
-        step = 1 << doubling
-        offset = (step * direction[0], step * direction[1])
-        if doubling == 0:
-            other_count, other = defocus * 0 + 1, _shift(g, defocus, *offset, 1e9)
-            valid = other < defocus - DISCONTINUITY_THRESHOLD
-        else:
-            other_count, other = _shift(g, count, *offset, 0.0), _shift(g, behind, *offset, 1e9)
-            gap = defocus - other
-            reach = (other_count + step) * length
-            valid = (other_count > 0) & (gap > DISCONTINUITY_THRESHOLD) & (reach <= gap + 2) & (count <= 0)
-            other_count = other_count + step
-        count, behind = g.where(valid, other_count, count), g.where(valid, other, behind)
-    return count, behind
+    next_to = _shift(g, defocus, direction, 1, 1e9)
+    is_step = next_to < defocus - DISCONTINUITY_THRESHOLD
+
+    def double(_: Value, step: Value, count: Value, behind: Value) -> tuple[list[Value], list[Value]]:
+        other_count = _shift(g, count, direction, step, 0.0)
+        other = _shift(g, behind, direction, step, 1e9)
+        gap, total = defocus - other, other_count + step.astype(np.float32)
+        valid = (
+            (other_count > 0) & (gap > DISCONTINUITY_THRESHOLD) & (total * length <= gap + 2) & (count <= 0)
+        )
+        return [step * 2, g.where(valid, total, count), g.where(valid, other, behind)], []
+
+    start = [g.sizes(1), is_step.astype(np.float32), g.where(is_step, next_to, defocus)]
+    return tuple(g.loop(double, start, times=g.sizes(_DOUBLINGS))[1:])  # type: ignore[return-value]
 
 
 def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
@@ -266,13 +265,21 @@ def _edge_mean(
     row, column = place[0] + steps * direction[0], place[1] + steps * direction[1]
     edge = picture.index(row, column)
     total, depth_sum, color_sum = count * 0 + _EPSILON, depth * _EPSILON, own.take(edge) * _EPSILON
-    for i in range(-1, 2):
-        for j in range(-1, 2):
-            at = picture.index(row + spacing * (direction[0] + i), column + spacing * (direction[1] + j))
-            defocus = picture.defocus.take(at)
-            member = (abs(defocus - depth) <= DISCONTINUITY_THRESHOLD).astype(np.float32)
-            total, depth_sum = total + member, depth_sum + member * defocus
-            color_sum = color_sum + member.reshape(-1, 1) * own.take(at)
+    downs, rights = (
+        g.constant(offset.ravel() + sign)
+        for offset, sign in zip(np.mgrid[-1:2, -1:2], direction, strict=True)
+    )
+
+    def add(
+        sample: Value, total: Value, depth_sum: Value, color_sum: Value
+    ) -> tuple[list[Value], list[Value]]:
+        at = picture.index(row + spacing * downs.take(sample), column + spacing * rights.take(sample))
+        defocus = picture.defocus.take(at)
+        member = (abs(defocus - depth) <= DISCONTINUITY_THRESHOLD).astype(np.float32)
+        color_sum = color_sum + member.reshape(-1, 1) * own.take(at)
+        return [total + member, depth_sum + member * defocus, color_sum], []
+
+    total, depth_sum, color_sum = g.loop(add, [total, depth_sum, color_sum], times=g.sizes(9))
     return color_sum / total.reshape(-1, 1), depth_sum / total
 
 

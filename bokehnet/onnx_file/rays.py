@@ -15,7 +15,17 @@ from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.layers import GraphLayers
 from bokehnet.onnx_file.pictures import pad_to_multiple
 from bokehnet.optics.aperture import Aperture
-from bokehnet.pupil_rays import BINS, TILE, Slab, find_surface, is_inside, slab_bins
+from bokehnet.pupil_rays import (
+    BINS,
+    TILE,
+    Slab,
+    SlabScan,
+    find_surface,
+    first_scan,
+    is_inside,
+    max_bins_of,
+    scan_bin,
+)
 
 __all__ = ["render_rays"]
 
@@ -44,8 +54,12 @@ def _occupied(g: Graph, index: Value) -> Value:
     padded = pad_to_multiple(g, index, TILE)
     batch = padded.reshape(1, 1, padded.size(0), padded.size(1))
     window = {"kernel_shape": [TILE] * 2, "strides": [TILE] * 2}
-    masks = [g.op("MaxPool", batch.equals(float(bin)).astype(np.float32), **window) for bin in range(BINS)]
-    return g.op("Squeeze", g.concat(masks, 1), g.sizes(0))
+
+    def mask(bin: Value) -> tuple[list[Value], list[Value]]:
+        return [], [g.op("MaxPool", batch.equals(bin.astype(np.float32)).astype(np.float32), **window)]
+
+    tiles = g.loop(mask, [], times=g.sizes(BINS))[0]
+    return g.op("Squeeze", tiles, g.sizes(1, 2))
 
 
 def _dilate(g: Graph, occupied: Value, reach: Value) -> Value:
@@ -85,8 +99,17 @@ def _find_slabs(g: Graph, layers: GraphLayers, height: Value, width: Value) -> t
     reach = g.op("Ceil", farthest / float(TILE)).astype(np.int64)
     columns = occupied.size(2)
     dilated = _dilate(g, occupied, reach).reshape(BINS, -1)
-    masks = [dilated.take(g.constant(bin, np.int64)) for bin in range(BINS)]
-    bounds = slab_bins(masks, _SLABS, masks[0].astype(np.int64) * 0)
+    bins = g.constant(np.arange(BINS)).reshape(-1, 1)
+    first_bin, last_bin = g.where(dilated, bins, BINS).min(0), g.where(dilated, bins, -1).max(0)
+    max_bins = max_bins_of(first_bin, last_bin, _SLABS)
+
+    def add(bin: Value, *state: Value) -> tuple[list[Value], list[Value]]:
+        scan = scan_bin(SlabScan(state[0], state[1], state[2], state[3:]), bin, dilated.take(bin), max_bins)
+        return [*scan[:3], *scan.bounds], []
+
+    start = first_scan(max_bins * 0, _SLABS)
+    scanned = g.loop(add, [*start[:3], *start.bounds], times=g.sizes(BINS))[3:]
+    bounds = zip(scanned[:_SLABS], scanned[_SLABS:], strict=True)
     values: list[list[Value]] = [[], [], [], []]
     for first, last in bounds:
         exists = first >= 0

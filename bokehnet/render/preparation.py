@@ -215,8 +215,12 @@ def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Ar
     if not light.fraction:
         return light.image
     low, high = _RECOVERED_RADII_PX
-    weight = np.clip((np.abs(defocus) - low) / (high - low), 0, 1).astype(np.float32)
-    return image + weight[..., None] * (light.image - image)
+    radii = np.abs(defocus).reshape(-1)[light.pixels]
+    weight = np.clip((radii - low) / (high - low), 0, 1).astype(np.float32)
+    result = image.copy()
+    shown, stored = result.reshape(-1, 3), image.reshape(-1, 3)[light.pixels]
+    shown[light.pixels] = stored + weight[:, None] * (light.image.reshape(-1, 3)[light.pixels] - stored)
+    return result
 
 
 def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:

@@ -24,6 +24,14 @@ def recovered_light(
         nearness: Map in which near is large, (H, W).
         highlights: Settings.
         bars: Black bars around the scene.
+
+    Examples:
+        >>> from bokehnet.scene.depth.depth_source import RelativeDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> near = np.zeros((8, 8), np.float32)
+        >>> scene = make_scene(np.ones((8, 8, 3), np.float32), RelativeDisparity(map=near))
+        >>> recovered_light(scene, near, HighlightSettings()).image is scene.image  # no photograph
+        True
     """
     frame = scene.frame
     is_photograph = frame is not None and frame.is_display_referred and scene.supersampled == 1

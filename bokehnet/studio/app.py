@@ -23,7 +23,7 @@ from bokehnet.studio.opened import Opened, Region
 from bokehnet.studio.panels.panels import panels
 from bokehnet.studio.preview.display import SPACES
 from bokehnet.studio.preview.overlays import aperture_image, overlay, plain
-from bokehnet.studio.preview.preview import Picture, refine
+from bokehnet.studio.preview.preview import Canvas, Picture, refine
 from bokehnet.studio.session import Session
 
 __all__ = ["PAGE", "make_app"]
@@ -329,8 +329,8 @@ class _Api:
         def progress(done: int, total: int) -> None:
             fraction[0] = done / max(total, 1)
 
-        held = bool(options.get("held"))
-        stages = session.previews.stages(opened, settings, size, shown, cancel, progress, region, held)
+        canvas = Canvas(size=size, space=shown, region=region, held=bool(options.get("held")))
+        stages = session.previews.stages(opened, settings, canvas, cancel, progress)
         first = await asyncio.to_thread(next, stages)
         facts = {
             "settings": session.shown_settings(),

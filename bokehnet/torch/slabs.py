@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from bokehnet.pupil_rays import BINS, TILE, slab_bins
+from bokehnet.pupil_rays import BINS, TILE, first_scan, max_bins_of, scan_bin
 
 __all__ = ["find_slabs"]
 
@@ -63,10 +63,14 @@ def find_slabs(defocus: Tensor, coverage: Tensor, slabs: int) -> Tensor:
     edges = high[:, None] - bin_px[:, None] * torch.arange(BINS + 1, device=defocus.device)
     reach = (torch.maximum(edges[:, :-1].abs(), edges[:, 1:].abs()) / TILE).ceil().long()
     occupied = _dilate(_occupied(index, coverage > 0), reach)
+    bins = torch.arange(BINS, device=defocus.device).view(1, BINS, 1, 1)
+    first_bin = torch.where(occupied, bins, BINS).amin(1)
+    max_bins = max_bins_of(first_bin, torch.where(occupied, bins, -1).amax(1), slabs)
+    scan = first_scan(torch.zeros_like(max_bins), slabs)
+    for bin, mask in enumerate(occupied.unbind(1)):
+        scan = scan_bin(scan, bin, mask, max_bins)
     result = []
-    for first, last in slab_bins(
-        occupied.unbind(1), slabs, torch.zeros_like(occupied[:, 0], dtype=torch.long)
-    ):
+    for first, last in zip(scan.bounds[:slabs], scan.bounds[slabs:], strict=True):
         exists = first >= 0
         top, thickness = high.view(batch, 1, 1), bin_px.view(batch, 1, 1)
         front, back = (top - thickness * (bin + 0.5) for bin in (first, last))

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from bokehnet.pupil_rays import Slab, find_surface, is_inside, slab_bins
+from bokehnet.pupil_rays import BINS, Slab, find_surface, first_scan, is_inside, max_bins_of, scan_bin
 
 
-def bounds_of(bins: set[int], slabs: int, count: int = 32) -> list[tuple[int, int]]:
-    occupied = [np.array([bin in bins]) for bin in range(count)]
-    return [(int(a[0]), int(b[0])) for a, b in slab_bins(occupied, slabs, np.zeros(1, np.int64))]
+def bounds_of(bins: set[int], slabs: int) -> list[tuple[int, int]]:
+    first, last = np.array([min(bins, default=0)]), np.array([max(bins, default=0)])
+    scan = first_scan(np.zeros(1, np.int64), slabs)
+    for bin in range(BINS):
+        scan = scan_bin(scan, bin, np.array([bin in bins]), max_bins_of(first, last, slabs))
+    return [(int(a[0]), int(b[0])) for a, b in zip(scan.bounds[:slabs], scan.bounds[slabs:], strict=True)]
 
 
 def test_distant_surfaces_are_in_different_slabs():

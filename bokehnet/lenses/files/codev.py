@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.glass.glasses import GlassCatalogues
-from bokehnet.lenses.files.glass.media import medium_of
+from bokehnet.lenses.files.glass.media import GlassEntry, medium_of
 from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 from bokehnet.optics.spectral.glass import Glass, TableGlass
@@ -182,7 +182,8 @@ class _State:
                 medium = self.private[name.upper()]
             else:
                 glass, _, maker = name.partition("_")
-                medium = medium_of(lens, line, key, glass, self.catalogues, maker=maker)
+                named = GlassEntry(line=line, key=key, name=glass, maker=maker)
+                medium = medium_of(lens, named, self.catalogues)
         thickness = number(words[1]) if len(words) > 1 else 0.0
         self.radius_values.append(value)
         lens.surfaces.append(FileSurface(line=line, thickness=thickness, medium=medium, mirror=mirror))

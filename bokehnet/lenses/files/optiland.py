@@ -10,7 +10,7 @@ from typing import Any
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.glass.glasses import GlassCatalogues
-from bokehnet.lenses.files.glass.media import medium_of
+from bokehnet.lenses.files.glass.media import GlassEntry, medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import read_lines
 from bokehnet.optics.spectral.glass import FormulaGlass, Glass
@@ -121,10 +121,9 @@ def _medium(lens: FileLens, key: str, material: dict[str, Any], catalogues: Glas
         index = float(index[0] if isinstance(index, list) else index)
         return None if index == 1 else FormulaGlass(root=1.0, powers=((index, 0.0),))
     if kind == "AbbeMaterial":
-        return medium_of(
-            lens, 0, key, "model glass", catalogues, nd=float(material["index"]), vd=float(material["abbe"])
-        )
+        nd, vd = float(material["index"]), float(material["abbe"])
+        return medium_of(lens, GlassEntry(line=0, key=key, name="model glass", nd=nd, vd=vd), catalogues)
     name = str(material.get("name", kind))
     folder = str(material.get("filename", "")).replace("\\", "/").split("/")
     maker = str(material.get("reference") or (folder[-2] if len(folder) > 1 else ""))
-    return medium_of(lens, 0, key, name, catalogues, maker=maker)
+    return medium_of(lens, GlassEntry(line=0, key=key, name=name, maker=maker), catalogues)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.glass.glasses import GlassCatalogues
-from bokehnet.lenses.files.glass.media import medium_of
+from bokehnet.lenses.files.glass.media import GlassEntry, medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 
@@ -106,7 +106,8 @@ def _read_command(lens: FileLens, catalogues: GlassCatalogues, line: int, key: s
         vd = number(words[2]) if len(words) > 2 and _is_number(words[2]) else None
         if vd is not None and nd is not None and vd < 3:  # indices at F and C instead of an Abbe number
             vd = (nd - 1) / abs(vd - number(words[3])) if len(words) > 3 else None
-        surface.medium = medium_of(lens, line, key, words[0], catalogues, nd=nd, vd=vd)
+        named = GlassEntry(line=line, key=key, name=words[0], nd=nd, vd=vd)
+        surface.medium = medium_of(lens, named, catalogues)
     elif key in ("PK", "PKP") or (key in _UNSUPPORTED and (key in _FLAGS or any(map(_is_not_zero, words)))):
         fail(lens.path, line, key, "expected refracting surfaces on one axis, in numbers, got something else")
     else:

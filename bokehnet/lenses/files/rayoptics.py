@@ -10,7 +10,7 @@ from typing import Any
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.glass.glasses import GlassCatalogues
-from bokehnet.lenses.files.glass.media import medium_of
+from bokehnet.lenses.files.glass.media import GlassEntry, medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import read_lines
 from bokehnet.optics.spectral.glass import FormulaGlass, Glass, TableGlass
@@ -139,9 +139,8 @@ def _medium(lens: FileLens, key: str, entry: Any, catalogues: GlassCatalogues) -
         samples = sorted(zip(_numbers(attributes["wvls"]), _numbers(attributes["rndx"]), strict=True))
         return TableGlass(wavelengths=tuple(w for w, _ in samples), indices=tuple(n for _, n in samples))
     if kind == "ModelGlass" or "n" in attributes:
-        return medium_of(
-            lens, 0, key, name, catalogues, nd=float(attributes["n"]), vd=float(attributes.get("v", 0.0))
-        )
+        nd, vd = float(attributes["n"]), float(attributes.get("v", 0.0))
+        return medium_of(lens, GlassEntry(line=0, key=key, name=name, nd=nd, vd=vd), catalogues)
     maker = str(entry.get("__instance_type__", [""])[0]).rpartition(".")[2] or str(
         attributes.get("_catalog", "")
     )
@@ -149,7 +148,7 @@ def _medium(lens: FileLens, key: str, entry: Any, catalogues: GlassCatalogues) -
         b1, b2, b3, c1, c2, c3 = _numbers(attributes["coefs"])
         poles = ((b1, 2.0, c1, 1.0), (b2, 2.0, c2, 1.0), (b3, 2.0, c3, 1.0))
         return FormulaGlass(powers=((1.0, 0.0),), poles=poles)
-    return medium_of(lens, 0, key, name, catalogues, maker=maker)
+    return medium_of(lens, GlassEntry(line=0, key=key, name=name, maker=maker), catalogues)
 
 
 def _specification(lens: FileLens, attributes: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.forbes import mild_powers, strong_powers
 from bokehnet.lenses.files.glass.glasses import GlassCatalogues
-from bokehnet.lenses.files.glass.media import medium_of
+from bokehnet.lenses.files.glass.media import GlassEntry, medium_of
 from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 
@@ -146,7 +146,7 @@ class _State:
         has_index = len(values) == 4 and (model or values[2:] != [1.5, 40.0]) and values[2] > 1
         nd, vd = (values[2], values[3]) if has_index else (None, None)
         self.lens.surfaces[-1].medium = medium_of(
-            self.lens, line, "GLAS", words[0], self.catalogues, nd=nd, vd=vd
+            self.lens, GlassEntry(line=line, key="GLAS", name=words[0], nd=nd, vd=vd), self.catalogues
         )
 
     def parameter(self, line: int, index: int, value: float) -> None:

@@ -30,7 +30,7 @@ from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.opened import Opened, Region
 from bokehnet.studio.preview.display import to_rgba
 
-__all__ = ["Picture", "Previews", "quick_settings"]
+__all__ = ["Canvas", "Picture", "Previews", "quick_settings"]
 
 # Maximum time in seconds for the first picture at screen size, while dragging a slider and otherwise; if it
 # would take longer, a smaller draft comes first, whose time is limited by the last number.
@@ -61,6 +61,23 @@ class Picture:
     stage: str
     rgba: NDArray[np.uint8]
     facts: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Canvas:
+    """Canvas of a page.
+
+    Attributes:
+        size: Width and height of the preview, pixels.
+        space: Colour space.
+        region: Region to show at full size; None shows the whole picture at ``size``.
+        held: True while the user drags a slider.
+    """
+
+    size: tuple[int, int]
+    space: str
+    region: Region | None = None
+    held: bool = False
 
 
 def quick_settings(settings: RenderSettings) -> RenderSettings:
@@ -146,29 +163,24 @@ class Previews:
         self,
         opened: Opened,
         settings: RenderSettings,
-        size: tuple[int, int],
-        shown: str,
+        canvas: Canvas,
         cancel: CancelSignal,
         progress: Progress,
-        region: Region | None = None,
-        held: bool = False,
     ) -> Iterator[Picture]:
         """Yield pictures of increasing quality up to that of the selected engine.
 
         Args:
             opened: Opened picture.
             settings: Settings of the render.
-            size: Width and height of the preview, pixels.
-            shown: Colour space of the canvas.
+            canvas: Size, colour space and content of the preview.
             cancel: Cancellation signal.
             progress: Progress callback of the final picture.
-            region: Region to show at full size, instead of the whole picture at ``size``.
-            held: True while the user drags a slider.
 
         Raises:
             BokehnetError: The settings do not apply to the picture.
             RenderCancelled: ``cancel`` was set.
         """
+        size, shown, region, held = canvas.size, canvas.space, canvas.region, canvas.held
         scene, inside = self._scene(opened, settings, size, region)
         scaled = opened.at_size(settings, 1.0 if region else size[0] / opened.size[0])
         quick, engine = quick_settings(scaled), settings.engine.name or "rays"

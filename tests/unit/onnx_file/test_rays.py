@@ -67,7 +67,7 @@ def test_layers_of_an_even_disc_are_those_of_the_package():
     np.testing.assert_allclose(behind.reshape(shape)[is_hidden], expected.defocus[:, :, 1][is_hidden])
     for layer, colors in enumerate((first, second)):
         difference = np.abs(colors.reshape(image.shape) - expected.colors[:, :, layer])
-        assert difference[is_hidden].mean() < 0.01
+        assert difference[is_hidden].mean() < 0.03  # one unmixing in place of twelve
 
 
 def _flat(layers):

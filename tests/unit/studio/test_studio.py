@@ -26,6 +26,7 @@ from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.panels.panels import is_path, panels
 from bokehnet.studio.panels.wording import command_line, python_lines
 from bokehnet.studio.preview.display import to_rgba
+from bokehnet.studio.preview.preview import Canvas
 from bokehnet.studio.strokes import Stroke, painted
 
 from .conftest import SIZE
@@ -98,7 +99,9 @@ def test_a_newer_request_of_the_same_page_ends_the_one_before(opened):
     other, second = previews.begin("another page"), previews.begin("page")
     assert first.is_set()
     assert not other.is_set()
-    stages = previews.stages(opened.opened, opened.settings, SIZE, "srgb", first, lambda done, total: None)
+    stages = previews.stages(
+        opened.opened, opened.settings, Canvas(size=SIZE, space="srgb"), first, lambda done, total: None
+    )
     with pytest.raises(RenderCancelled):
         next(stages)
     assert not second.is_set()

@@ -1,0 +1,125 @@
+"""Growth of thin structures: blades, twigs and spokes of which a map has kept only the thick end.
+
+Method: seeded region growing (Adams and Bischof, "Seeded region growing", IEEE TPAMI 1994) from the near side
+of all depth edges. A pixel beside a near one joins it if its colour is that of near pixels around it and not
+that of far ones. Growth starts at the ends of pieces, not at the sides of surfaces, and only growth that is
+thin stays. As growth follows colours, the acceptance of the repair says little about it. Hence only maps
+without any thin structure (:func:`thin_fraction`) are grown.
+
+In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit, rising towards the camera. Out: the map
+in the same unit, nowhere farther away.
+"""
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.depth_repair.filters import local_extremes, shift_edges
+from bokehnet.kernels import njit
+from bokehnet.optics.encoding import encode
+
+__all__ = ["grow_thin_structures", "thin_fraction"]
+
+# Maximum length of the growth and half width of the window in which colours are compared, pixels.
+_MAX_LENGTH_PX, _COLOR_RADIUS_PX = 40, 12
+
+# Half weight of a colour: distance of encoded colours, Euclidean over three channels.
+_COLOR_SIGMA = 0.06
+
+# Minimum ratio of the mean weights of near and far pixels, and minimum weight of the most similar near pixel.
+_MIN_RATIO, _MIN_WEIGHT = 2.0, 0.3
+
+# Minimum number of near pixels in the window, and their maximum fraction: at the end of a piece they are few,
+# at the side of a large surface, into which lines of the background run, about half.
+_MIN_PIXELS, _MAX_NEAR_FRACTION = 3, 0.38
+
+# Half width of the window that grown structures must not fill, and of the window that thin structures of a
+# map do not fill, pixels.
+_MAX_HALF_WIDTH_PX, _THIN_HALF_WIDTH_PX = 5, 2
+
+
+@njit(cache=True, parallel=True)
+def _joined(colors, disparity, ys, xs, min_height, max_near_fraction, values):  # type: ignore[no-untyped-def]
+    """Fill ``values`` with the disparity of the near side that each pixel joins, or with its own."""
+    height, width = disparity.shape
+    factor = 1.0 / (_COLOR_SIGMA * _COLOR_SIGMA)
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        own = near = disparity[y, x]
+        for v in range(max(0, y - 1), min(height, y + 2)):
+            for u in range(max(0, x - 1), min(width, x + 2)):
+                near = max(near, disparity[v, u])
+        values[i] = own
+        if near <= own + min_height:
+            continue
+        middle = 0.5 * (near + own)
+        near_sum = far_sum = highest = 0.0
+        near_count = far_count = 0
+        for v in range(max(0, y - _COLOR_RADIUS_PX), min(height, y + _COLOR_RADIUS_PX + 1)):
+            for u in range(max(0, x - _COLOR_RADIUS_PX), min(width, x + _COLOR_RADIUS_PX + 1)):
+                value = disparity[v, u]
+                if value >= near + min_height or (v == y and u == x):
+                    continue
+                distance_squared = 0.0
+                for c in range(3):
+                    distance_squared += (colors[v, u, c] - colors[y, x, c]) ** 2
+                weight = 1.0 / (1.0 + factor * distance_squared) ** 2
+                if value > middle:
+                    near_sum, near_count = near_sum + weight, near_count + 1
+                    highest = max(highest, weight)
+                else:
+                    far_sum, far_count = far_sum + weight, far_count + 1
+        if (
+            near_count >= _MIN_PIXELS
+            and near_count <= max_near_fraction * (near_count + far_count)
+            and near_sum * far_count > _MIN_RATIO * far_sum * near_count
+            and highest > _MIN_WEIGHT
+        ):
+            values[i] = near
+
+
+def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: float) -> np.ndarray:
+    """Return the map with its thin structures grown along their colours.
+
+    Args:
+        image: All-in-focus picture, scene-linear, not negative, (H, W, 3).
+        disparity: Map, (H, W), float32, any unit, rising towards the camera.
+        min_height: Minimum height of a depth edge, in the unit of the map.
+
+    Returns:
+        New map, (H, W), nowhere farther away than the input; each new value is that of a near pixel.
+    """
+    colors = np.asarray(encode(np.minimum(image, 1.0)), np.float32)
+    result = disparity.copy()
+    border = local_extremes(disparity, 1)[1] > disparity + min_height
+    for _ in range(_MAX_LENGTH_PX):
+        ys, xs = np.nonzero(border)
+        values = np.empty(len(ys), np.float32)
+        with parallel_region:
+            _joined(colors, result, ys, xs, min_height, _MAX_NEAR_FRACTION, values)
+        joined = values > result[ys, xs]
+        if not joined.any():
+            break
+        result[ys[joined], xs[joined]] = values[joined]
+        new = np.zeros(border.shape, bool)
+        new[ys[joined], xs[joined]] = True
+        border = local_extremes(new, 1)[1] & ~new
+    return np.where(_thin_pixels(result, _MAX_HALF_WIDTH_PX, min_height), result, disparity)
+
+
+def thin_fraction(disparity: np.ndarray, min_height: float) -> float:
+    """Return the number of pixels on structures at most 4 pixels wide per pixel next to a depth edge.
+
+    Args:
+        disparity: Map with sharp edges, (H, W), any unit, rising towards the camera.
+        min_height: Minimum height of a depth edge, in the unit of the map.
+    """
+    low, high = local_extremes(disparity, _THIN_HALF_WIDTH_PX)
+    edges = int((high - low > min_height).sum())
+    return float(_thin_pixels(disparity, _THIN_HALF_WIDTH_PX, min_height).sum()) / max(edges, 1)
+
+
+def _thin_pixels(disparity: np.ndarray, half_width: int, min_height: float) -> np.ndarray:
+    """Return the pixels that a morphological opening removes, (H, W) bool (top-hat transform)."""
+    opened = shift_edges(shift_edges(disparity, -half_width), half_width)
+    return np.asarray(disparity > opened + min_height)
