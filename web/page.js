@@ -123,7 +123,8 @@ function choose(name, file) {
   const label = { photo: "Photo", disparity: "Depth map" }[name];
   document.querySelector(`[data-of=${name}]`).textContent = file.name ? `${label}: ${file.name}` : `Another ${label.toLowerCase()}`;
   if (chosen.photo && chosen.disparity) open(chosen.photo, chosen.disparity);
-  else status.textContent = chosen.photo ? "Now its depth map." : "Now the photo.";
+  else status.textContent = chosen.photo ? "Now its depth map, or estimate it." : "Now the photo.";
+  if (!chosen.disparity) document.querySelector("#without").open = true;
 }
 
 const isMap = (file) => /depth|disp|map/i.test(file.name);
@@ -137,6 +138,73 @@ function drop(files) {
     choose("disparity", disparity);
   } else if (files.length) choose(chosen.photo && (!chosen.disparity || isMap(files[0])) ? "disparity" : "photo", files[0]);
 }
+
+// Network whose address the page offers; its bytes are checked. Other addresses are used as they are.
+const NETWORK = {
+  address:
+    "https://huggingface.co/onnx-community/depth-anything-v2-small/resolve/4472b7362082ad9968fee890ca0f1e5aca36b93d/onnx/model.onnx",
+  sha256: "afb6a5c28f3b6bf1618c6e43f02073ef9dfdc70e937502d51603e57b0a1df10c",
+  about: "Depth Anything V2 Small, 99 MB, Apache-2.0. The photo stays here. Any network in which near is large will do.",
+};
+const download = document.querySelector("#download");
+let stop = null;
+
+/** Estimate the depth of the photo; `bytes` of a network replace the one of an earlier estimate. */
+function estimate(bytes) {
+  blame("network", "");
+  if (!chosen.photo) return blame("network", "choose a photo first");
+  status.textContent = "Estimating depth ...";
+  worker.postMessage({ estimate: { photo: chosen.photo, bytes } }, bytes ? [bytes] : []);
+}
+
+/** Return the bytes behind an address and show the progress. */
+async function fetched(address, signal) {
+  const response = await fetch(address, { signal });
+  if (!response.ok) throw new Error(`expected a network at this address, the host answers ${response.status}`);
+  const total = Number(response.headers.get("content-length")), parts = [];
+  let size = 0;
+  for (const reader = response.body.getReader(); ; ) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    size += value.length;
+    status.textContent = `Downloading ${(size / 1e6).toFixed(0)}${total ? ` of ${(total / 1e6).toFixed(0)}` : ""} MB ...`;
+  }
+  return new Blob(parts).arrayBuffer();
+}
+
+/** Raise an error unless the bytes are those of the offered network. */
+async function checkHash(bytes) {
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
+  const hex = [...digest].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+  if (hex !== NETWORK.sha256) throw new Error(`expected SHA-256 ${NETWORK.sha256.slice(0, 12)}..., found ${hex.slice(0, 12)}...`);
+}
+
+download.addEventListener("click", async () => {
+  if (stop) return stop.abort();
+  if (!chosen.photo) return blame("network", "choose a photo first");
+  const { address } = form.elements;
+  if (!address.value || !address.validity.valid) return blame("network", "expected an address such as https://host/model.onnx");
+  blame("network", "");
+  stop = new AbortController();
+  download.textContent = "Stop";
+  try {
+    const bytes = await fetched(address.value, stop.signal);
+    if (address.value === NETWORK.address) await checkHash(bytes);
+    estimate(bytes);
+  } catch (error) {
+    const why = error.name === "AbortError" ? "stopped; nothing was kept" : `not downloaded: ${error.message}`;
+    blame("network", why);
+    status.textContent = "Now its depth map.";
+  } finally {
+    stop = null;
+    download.textContent = "Download";
+  }
+});
+
+document.querySelector("#estimate").addEventListener("click", () => estimate());
+form.elements.address.value = NETWORK.address;
+document.querySelector("#about").textContent = NETWORK.about;
 
 async function openAddresses(photo, disparity) {
   const fetched = [photo, disparity].map(async (address) => {
@@ -158,6 +226,9 @@ worker.onmessage = ({ data }) => {
   if (data.provider) {
     document.body.dataset.provider = data.provider;
     if (data.why) tell(`${data.why}: WebAssembly does the work, on the processor.`);
+  } else if (data.estimated) {
+    document.querySelector("#estimate").hidden = false;
+    choose("disparity", new File([data.estimated], "estimated", { type: "image/png" }));
   } else if (data.opened) {
     opened = { ...opening, ...data.opened };
     ready = false;
@@ -185,7 +256,7 @@ worker.onmessage = ({ data }) => {
   } else if (data.error) {
     if (data.of) {
       blame(data.of, data.error);
-      opening = null;
+      if (data.of !== "network") opening = null;
     }
     fail(data.error);
   }
@@ -217,10 +288,13 @@ form.addEventListener("input", ({ target }) => {
 
 form.addEventListener("submit", (event) => event.preventDefault());
 
-for (const name of ["photo", "disparity"]) {
+for (const name of ["photo", "disparity", "network"]) {
   const input = form.elements[name];
   input.addEventListener("click", () => (input.value = "")); // the same file can be chosen again
-  input.addEventListener("change", () => input.files[0] && choose(name, input.files[0]));
+  input.addEventListener("change", async () => {
+    const [file] = input.files;
+    if (file) name === "network" ? estimate(await file.arrayBuffer()) : choose(name, file);
+  });
 }
 
 const zone = document.querySelector("#files");

@@ -159,6 +159,69 @@ async function decoded(of, blob, size) {
   }
 }
 
+// Convention of networks for relative disparity: colours by the mean and deviation of ImageNet, shorter side, step of
+// the sides.
+const MEAN = [0.485, 0.456, 0.406];
+const DEVIATION = [0.229, 0.224, 0.225];
+const SHORTER_SIDE = 518;
+const PATCH = 14;
+
+let depthNetwork;
+
+/** Load a depth network; it has one input, a picture (1, 3, height, width). */
+async function loadDepthNetwork(bytes) {
+  const problem = (why) => Object.assign(new Error(`the network: ${why}`), { of: "network" });
+  let network;
+  try {
+    network = await ort.InferenceSession.create(bytes, { executionProviders: ["wasm"], logSeverityLevel: 3 });
+  } catch (error) {
+    throw problem(isMemory(error) ? "too large for this browser's memory" : "no ONNX file that this browser can run");
+  }
+  const [input] = network.inputMetadata, shape = input.shape ?? [];
+  if (network.inputNames.length !== 1 || shape.length !== 4 || (typeof shape[1] === "number" && shape[1] !== 3)) {
+    throw problem(`expected one input (1, 3, height, width), found ${network.inputNames.join(", ")} (${shape.join(", ")})`);
+  }
+  return network;
+}
+
+/** Size in which a network receives a picture: its own if that is fixed. */
+function sizeFor(network, { width, height }) {
+  const [, , fixedHeight, fixedWidth] = network.inputMetadata[0].shape;
+  const scale = SHORTER_SIDE / Math.min(width, height);
+  const side = (length) => PATCH * Math.max(1, Math.round((length * scale) / PATCH));
+  const number = (fixed, length) => (typeof fixed === "number" && fixed > 0 ? fixed : side(length));
+  return { width: number(fixedWidth, width), height: number(fixedHeight, height) };
+}
+
+/** Return the disparity of a photo as a grey PNG, near is bright. */
+async function estimated(blob, bytes) {
+  await session; // it loads the runtime
+  if (bytes) depthNetwork = await loadDepthNetwork(bytes);
+  const whole = await decoded("photo", blob);
+  const size = sizeFor(depthNetwork, whole), { width, height } = size, area = width * height;
+  const { data } = await pixels(blob, size);
+  const values = new Float32Array(3 * area);
+  for (let i = 0; i < area; i++) {
+    for (let c = 0; c < 3; c++) values[c * area + i] = (data[4 * i + c] / 255 - MEAN[c]) / DEVIATION[c];
+  }
+  const input = new ort.Tensor("float32", values, [1, 3, height, width]);
+  const output = (await depthNetwork.run({ [depthNetwork.inputNames[0]]: input }))[depthNetwork.outputNames[0]];
+  const [rows, columns] = output.dims.slice(-2);
+  const low = output.data.reduce((a, b) => Math.min(a, b), Infinity);
+  const high = output.data.reduce((a, b) => Math.max(a, b), -Infinity);
+  if (output.data.length !== rows * columns || !(high - low > 0 && high - low < Infinity)) {
+    throw Object.assign(new Error("the network: expected a map of different depths, found none"), { of: "network" });
+  }
+  const grey = new ImageData(columns, rows);
+  for (let i = 0; i < rows * columns; i++) {
+    grey.data.fill(Math.round((255 * (output.data[i] - low)) / (high - low)), 4 * i, 4 * i + 3);
+    grey.data[4 * i + 3] = 255;
+  }
+  const canvas = new OffscreenCanvas(columns, rows);
+  canvas.getContext("2d").putImageData(grey, 0, 0);
+  return canvas.convertToBlob({ type: "image/png" });
+}
+
 const pause = () => new Promise((resolve) => setTimeout(resolve));
 
 /** Render tile by tile, until another request comes. */
@@ -195,10 +258,11 @@ async function render(id, numbers) {
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
+async function answer({ id, model, provider, canvas, open, estimate, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
     if (model) (session = load(model, provider)).catch((error) => postMessage({ error: error.message ?? String(error) }));
+    if (estimate) postMessage({ estimated: await estimated(estimate.photo, estimate.bytes) });
     if (open) {
       const one = await decoded("photo", open.photo);
       [photo, disparity] = [one, await decoded("disparity", open.disparity, one)];

@@ -121,6 +121,14 @@ def _bug_message(error: Exception) -> str:
     return " ".join(f"internal error: {type(error).__name__}: {error}".split())
 
 
+async def _count(request: Request) -> int:
+    """Return the number of steps of an undo or redo; raise ``ValueError`` unless it is at least 1."""
+    count = (await _json(request)).get("count", 1)
+    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+        raise ValueError("expected a count of at least 1")
+    return count
+
+
 async def _json(request: Request) -> dict[str, Any]:
     """Return the JSON object in the body of a request; raise ``ValueError`` if it is invalid."""
     body = bytearray()
@@ -214,11 +222,11 @@ class _Api:
         return JSONResponse(self._session.state())
 
     async def undo(self, request: Request) -> Response:
-        self._session.step(back=True)
+        self._session.step(back=True, count=await _count(request))
         return JSONResponse(self._session.state())
 
     async def redo(self, request: Request) -> Response:
-        self._session.step(back=False)
+        self._session.step(back=False, count=await _count(request))
         return JSONResponse(self._session.state())
 
     async def export(self, request: Request) -> Response:

@@ -24,6 +24,7 @@ from bokehnet.studio.files.uploads import safe_name
 from bokehnet.studio.history import History, State
 from bokehnet.studio.looks import settings_of_new_picture, settings_with_depth, settings_with_preset
 from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
+from bokehnet.studio.panels.help_texts import label_of
 from bokehnet.studio.panels.panels import check_reachable, is_path
 from bokehnet.studio.panels.wording import command_line, look_of, python_lines
 from bokehnet.studio.preview.preview import Previews
@@ -36,6 +37,14 @@ _MAX_OPENING_SECONDS = 90.0
 _MAX_ESTIMATE_SECONDS = 900.0
 
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
+
+
+def _words_of_change(changes: Mapping[str, Any]) -> str:
+    """Return words for a change of settings: the label of its control, or the name of its group."""
+    paths = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
+    if "focus" in changes or not paths:
+        return "Focus" if "focus" in changes else ", ".join(changes).capitalize()
+    return label_of(paths[0])
 
 
 class Session:
@@ -181,7 +190,8 @@ class Session:
             check_reachable(values, before)
             settings = RenderSettings().updated(merged(table, values))
             if settings != before:
-                self._remember([f"{group}.{name}" for group, fields in changes.items() for name in fields])
+                controls = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
+                self._remember(_words_of_change(changes), controls or list(changes))
             self.settings = settings
         self._repair_again(before)
         return settings
@@ -197,9 +207,9 @@ class Session:
         opened.repaired = None
         self._repair()
 
-    def _remember(self, control: Any = None) -> None:
+    def _remember(self, change: str, control: Any = None) -> None:
         """Add the current state to the history; see :meth:`History.remember`."""
-        self._history.remember(self._present, control)
+        self._history.remember(self._present, change, control)
 
     @property
     def _present(self) -> State:
@@ -211,7 +221,7 @@ class Session:
         with self._lock:
             settings = settings_with_preset(self.settings, preset)
             if (settings, preset) != (self.settings, self.preset):
-                self._remember()
+                self._remember(f"Preset {preset or 'none'}")
             self.settings, self.preset = settings, preset
             return settings
 
@@ -221,25 +231,28 @@ class Session:
             return settings_with_preset(self.settings, preset)
 
     @property
-    def history(self) -> dict[str, int]:
-        """Number of steps that can be undone, and of those that can be redone."""
-        return self._history.counts
+    def history(self) -> dict[str, Any]:
+        """Number of steps that can be undone, of those that can be redone, and the words of all."""
+        return self._history.summary
 
     def stroke(self, table: Mapping[str, Any]) -> None:
         """Add a stroke of the brush."""
         opened = self._open_one()
         with self._lock:
             stroke = Stroke.from_table(table)
-            self._remember()
+            self._remember(f"Brush: {stroke.effect}")
             opened.change_strokes([*opened.strokes, stroke])
 
-    def step(self, back: bool) -> None:
-        """Undo or redo a change of settings, preset or strokes."""
+    def step(self, back: bool, count: int = 1) -> None:
+        """Undo or redo changes of settings, preset or strokes.
+
+        Args:
+            back: True to undo.
+            count: Number of changes; those that do not exist are ignored.
+        """
         opened, before = self._open_one(), self.settings
         with self._lock:
-            step = self._history.step(self._present, back)
-            if step is None:
-                return
+            step = self._history.step(self._present, back, count)
             self.settings, self.preset = step.settings, step.preset
             if step.strokes != tuple(opened.strokes):
                 opened.change_strokes(step.strokes)

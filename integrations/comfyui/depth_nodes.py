@@ -7,6 +7,7 @@ import torch
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.scene.focus_patch import surface_disparity
 
 from .host import CATEGORY, FrameBar, frames_of_map, light, map_image, maps, node_errors
 
@@ -21,7 +22,7 @@ def unit_map(values: np.ndarray, invert: bool) -> np.ndarray:
 
 
 class BokehFocusPicker:
-    """Selects the focus by a pixel, by the median in a mask, or by a value."""
+    """Selects the focus by the surface under a pixel, by the median in a mask, or by a value."""
 
     CATEGORY: ClassVar[str] = CATEGORY
     FUNCTION: ClassVar[str] = "pick"
@@ -57,11 +58,12 @@ class BokehFocusPicker:
         with node_errors():
             first = unit_map(maps(disparity)[:1], invert)[0]
             height, width = first.shape
+            focus: dict[str, Any] = {"value": value}
             if by == "pixel":
                 if not (x < width and y < height):
                     expected = f"a pixel of the map, below {width} and {height}"
                     raise ParameterError("x, y", expected, (x, y))
-                value = float(first[y, x])
+                focus, value = {"at": [x, y]}, surface_disparity(first, x, y)
             elif by == "mask":
                 if mask is None:
                     raise ParameterError("mask", "a mask, which `by` requires", shown="none")
@@ -72,7 +74,8 @@ class BokehFocusPicker:
                 if not inside.any():
                     raise ParameterError("mask", f"a pixel above {_MASK_THRESHOLD}", shown="none")
                 value = float(np.median(first[inside]))
-            return {"value": value}, value, map_image(np.abs(first - value)[None])
+                focus = {"value": value}
+            return focus, value, map_image(np.abs(first - value)[None])
 
 
 class BokehDepthRepair:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import comfy.model_management
@@ -11,7 +12,10 @@ import torch
 from PIL import Image
 
 from bokehnet.errors import BokehnetError, RenderCancelled, ShapeError
+from bokehnet.io.color.color_space import SRGB
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
+from bokehnet.io.frame import Frame
+from bokehnet.scene.scene import Scene
 
 __all__ = [
     "CATEGORY",
@@ -25,6 +29,7 @@ __all__ = [
     "maps",
     "mattes",
     "node_errors",
+    "photograph",
 ]
 
 CATEGORY = "bokehnet"
@@ -94,6 +99,12 @@ def light(image: torch.Tensor) -> Iterator[np.ndarray]:
         raise ShapeError(f"image: expected shape (frames, H, W, 3), got {tuple(image.shape)}")
     for frame in image:
         yield np.asarray(srgb_to_linear(frame[..., :3].cpu().numpy()), np.float32)
+
+
+def photograph(scene: Scene) -> Scene:
+    """Return a scene whose picture counts as display-referred, so that its clipped light is recovered."""
+    frame = Frame(image=scene.image, alpha=None, camera=None, window=scene.window, space=SRGB, bits=8)
+    return replace(scene, frame=frame)
 
 
 def maps(disparity: torch.Tensor) -> np.ndarray:

@@ -30,8 +30,10 @@ def _widget_settings() -> dict[str, Setting]:
     return {item.flag: item for item in all_settings().values() if item.flag in _WIDGET_FLAGS}
 
 
-def _widget(item: Setting) -> tuple[str, dict[str, Any]]:
+def _widget(item: Setting) -> tuple[str | list[str], dict[str, Any]]:
     """Return the widget of a field; its initial value is the default of the field, or 0 without default."""
+    if isinstance(item.default, str):  # clipped lights: estimated, or off
+        return (["auto", "off"], {"default": item.default, "tooltip": item.help})
     is_integer = item.type is int
     low = item.low if item.low is not None else 0 if item.above is not None else -1e6
     high = item.high if item.high is not None else 1e6
@@ -62,7 +64,7 @@ class BokehLook:
         }
 
     def make(
-        self, preset: str, lens: str, below: dict | None = None, **widgets: float
+        self, preset: str, lens: str, below: dict | None = None, **widgets: float | str
     ) -> tuple[dict[str, dict[str, Any]]]:
         """Return the changes of the look to the settings."""
         with node_errors():

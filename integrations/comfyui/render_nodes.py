@@ -17,7 +17,18 @@ from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.settings.settings import RenderSettings, merged
 from bokehnet.settings.settings_file import settings_from_table
 
-from .host import CATEGORY, Cancel, FrameBar, frames_of_map, image_tensor, light, maps, mattes, node_errors
+from .host import (
+    CATEGORY,
+    Cancel,
+    FrameBar,
+    frames_of_map,
+    image_tensor,
+    light,
+    maps,
+    mattes,
+    node_errors,
+    photograph,
+)
 
 __all__ = [
     "BLUR",
@@ -129,7 +140,7 @@ class CommonInputs:
         frames = (light(self.image), frames_of_map(maps(self.disparity), count), mattes(self.matte, count))
         for number, (picture, values, matte) in enumerate(zip(*frames, strict=True)):
             source = RelativeDisparity(map=values, invert=self.invert)
-            yield make_scene(picture, source, number=number, matte=matte)
+            yield photograph(make_scene(picture, source, number=number, matte=matte))
 
 
 def _line(report: RenderReport) -> str:

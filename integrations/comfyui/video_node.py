@@ -15,7 +15,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.scene.depth.depth_source import DepthSource, RelativeDisparity
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.sequence import SequenceSettings, make_pull, settings_at_frame
-from bokehnet.sequence.shot import FilteredDepth, Shot, analyse_shot
+from bokehnet.sequence.shot import FilteredDepth, Shot, analyse_shot, probe_frames
 from bokehnet.settings.settings import RenderSettings
 
 from .host import frames_of_map, light, maps, mattes, node_errors
@@ -32,8 +32,16 @@ class _Frames:
     settings: Sequence[RenderSettings]
 
     @property
-    def count(self) -> int:
-        return len(self.settings)
+    def numbers(self) -> range:
+        return range(len(self.settings))
+
+    @property
+    def selected(self) -> range:
+        return self.numbers
+
+    @property
+    def probes(self) -> list[int]:
+        return probe_frames(self.numbers)
 
     def settings_of(self, index: int) -> RenderSettings:
         return self.settings[index]
@@ -42,7 +50,7 @@ class _Frames:
         for index, picture in zip(indices, light(self.image[list(indices)]), strict=True):
             source: DepthSource = RelativeDisparity(map=self.maps[index], as_stored=True)
             if shot.steady is not None:
-                source = FilteredDepth(shot=shot.steady, index=index, origin="disparity", kind="relative")
+                source = FilteredDepth(shot=shot.steady, number=index, origin="disparity", kind="relative")
             yield make_scene(picture, source, number=index, matte=self.mattes[index])
 
 

@@ -1,5 +1,6 @@
 """The studio as a hand meets it, in a browser."""
 
+import json
 import os
 import shlex
 import signal
@@ -70,8 +71,8 @@ def test_the_wheel_turns_the_focus_ring(page, settle):
     assert float(page.locator("#focus").input_value()) == pytest.approx(0.01)
 
 
-def test_two_fingers_turn_the_focus_ring(browser, studio):
-    """Authority: the map, whose wall is farthest, 0; 61 pixels further apart are five steps of 0.01."""
+def test_two_fingers_zoom_and_move_and_a_tap_still_focuses(browser, studio):
+    """Authority: the distance of the fingers, from 80 to 160 pixels; the point between them stays there."""
     context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
     page = context.new_page()
     page.goto(studio.address)
@@ -85,14 +86,42 @@ def test_two_fingers_turn_the_focus_ring(browser, studio):
     touch("touchStart", (x, y))
     touch("touchEnd")
     until(page, "document.querySelector('#command').textContent.includes('--focus-at 18,12')")
-    touch("touchStart", (x, y))
-    touch("touchStart", (x, y), (x + 80, y))
-    for further in range(85, 141, 5):
-        touch("touchMove", (x, y), (x + further, y))
-    touch("touchMove", (x, y), (x + 141, y))
+    command, box = page.inner_text("#command"), page.locator("#sheet").bounding_box()
+    x, y = at(page, 0.5, 0.5)
+    touch("touchStart", (x - 40, y))
+    touch("touchStart", (x - 40, y), (x + 40, y))
+    for apart in range(45, 81, 5):
+        touch("touchMove", (x - apart, y), (x + apart, y))
+    until(page, "Math.abs(document.querySelector('#stage').dataset.zoom - 2) < 0.01")
+    wide = page.locator("#sheet").bounding_box()
+    assert wide["width"] == pytest.approx(2 * box["width"], rel=0.01)
+    for start, size, middle in (("x", "width", x), ("y", "height", y)):
+        places = [(middle - one[start]) / one[size] for one in (box, wide)]
+        assert places[0] == pytest.approx(places[1], abs=0.02)
+    touch("touchMove", (x - 60, y + 30), (x + 100, y + 30))
+    until(page, f"document.querySelector('#sheet').getBoundingClientRect().y > {wide['y'] + 28}")
+    moved = page.locator("#sheet").bounding_box()
+    assert (moved["x"] - wide["x"], moved["y"] - wide["y"]) == pytest.approx((20, 30), abs=2)
     touch("touchEnd")
-    until(page, "Math.abs(document.querySelector('#focus').value - 0.05) < 0.006")
+    assert page.inner_text("#command") == command  # neither finger has focused
     context.close()
+
+
+def test_the_history_lists_each_change_and_returns_to_any(page, settle):
+    """Authority: the changes that this test makes, oldest first."""
+    first = page.inner_text("#command")
+    settle(page, lambda: page.mouse.click(*at(page, 0.5, 0.5)))
+    settle(page, lambda: page.locator("#presets [role=option]").nth(1).click())
+    page.click("#history-button")
+    words = page.locator("#history button").all_inner_texts()
+    assert words[:2] == ["Opened", "Focus"]
+    assert words[2].startswith("Preset ")
+    assert page.locator("#history [aria-selected=true]").inner_text() == words[2]
+    settle(page, lambda: page.locator("#history button").nth(0).click())
+    until(page, f"document.querySelector('#command').textContent === {json.dumps(first)}")
+    assert page.locator("#history [aria-selected=true]").inner_text() == "Opened"
+    settle(page, lambda: page.locator("#history button").nth(1).click())
+    until(page, "document.querySelector('#command').textContent.includes('--focus-at 90,60')")
 
 
 def test_keys_move_the_cursor_and_focus(page, settle):

@@ -7,7 +7,6 @@ import { focusEnds } from "./focus.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
 import { makeQuick, sharpWords, shifted, showLightNote, showQuick } from "./quick.js";
 import { clearPresets, refreshPresets, selectPreset, showPresets, stopPresets } from "./presets.js";
-import { ringByTouch } from "./touch.js";
 import { makeView } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
@@ -350,11 +349,6 @@ stage.addEventListener("wheel", (event) => {
   ring(-Math.sign(event.deltaY), event);
 }, { passive: false });
 
-ringByTouch(stage, (steps, event) => {
-  now.path = now.tap = null; // discard what the first finger has begun
-  ring(steps, event);
-});
-
 async function stroke(table) {
   now.state = { ...now.state, ...(await post("stroke", { stroke: table })) };
   now.missing = showBanner(now.state);
@@ -371,17 +365,31 @@ function showStrokes() {
 function showHistory() {
   $("undo").disabled = !now.state?.done;
   $("redo").disabled = !now.state?.undone;
-}
-
-for (const name of ["undo", "redo"]) {
-  $(name).addEventListener("click", safely(async () => {
-    now.state = { ...now.state, ...(await post(name)) };
-    now.missing = showBanner(now.state);
-    selectPreset(now.state.preset);
-    showStrokes();
-    requestPreview();
+  const changes = now.state?.changes ?? [];
+  $("history-button").disabled = !changes.length;
+  $("history").replaceChildren(...["Opened", ...changes].map((words, step) => {
+    const entry = document.createElement("button");
+    entry.type = "button";
+    entry.role = "option";
+    entry.textContent = words;
+    entry.ariaSelected = String(step === now.state?.done);
+    entry.addEventListener("click", () => stepTo(step));
+    return entry;
   }));
 }
+
+/** Undo or redo until `step` changes are done. */
+const stepTo = safely(async (step) => {
+  const count = step - now.state.done;
+  if (!count) return;
+  now.state = { ...now.state, ...(await post(count < 0 ? "undo" : "redo", { count: Math.abs(count) })) };
+  now.missing = showBanner(now.state);
+  selectPreset(now.state.preset);
+  showStrokes();
+  requestPreview();
+});
+$("undo").addEventListener("click", () => stepTo(now.state.done - 1));
+$("redo").addEventListener("click", () => stepTo(now.state.done + 1));
 
 function pick(tool) {
   now.tool = tool;
@@ -544,6 +552,9 @@ const view = makeView(stage, sheet, () => {
     fit();
     if (result.width !== was) requestPreview();
   }, 300);
+}, () => {
+  now.path = now.tap = null;
+  mark(marks, marked());
 });
 $("fit").addEventListener("click", () => view.fit());
 makeBanner({ safely, paint: () => pick("nearer"), estimating: watch });

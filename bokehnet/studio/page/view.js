@@ -1,9 +1,14 @@
-// Zoom and pan of the picture: Ctrl and wheel zoom at the pointer, Space and a drag move, 0 fits.
+// Zoom and pan of the picture: Ctrl and wheel zoom at the pointer, two fingers zoom and move, Space and a drag move,
+// 0 fits.
 
 const MAX_ZOOM = 8, STEP = 1.25;
 
-/** Connect zoom and pan; returns {zoom(), fit(), panning()}. `changed` is called after each change of the zoom. */
-export function makeView(stage, sheet, changed) {
+/**
+ * Connect zoom and pan; returns {zoom(), fit(), panning()}. `changed` is called after each change of the zoom,
+ * `discard` when a second finger ends what the first one has begun.
+ */
+export function makeView(stage, sheet, changed, discard) {
+  const fingers = new Map();
   let zoom = 1, x = 0, y = 0, space = false, from = null;
 
   function apply() {
@@ -29,6 +34,35 @@ export function makeView(stage, sheet, changed) {
     event.stopImmediatePropagation();
     zoomTo(zoom * STEP ** -Math.sign(event.deltaY), event.clientX, event.clientY);
   }, { passive: false });
+  /** Middle between two fingers, and their distance. */
+  function grip() {
+    const [[left, top], [right, bottom]] = fingers.values();
+    return { x: (left + right) / 2, y: (top + bottom) / 2, span: Math.max(Math.hypot(right - left, bottom - top), 1) };
+  }
+  stage.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "touch") return;
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (fingers.size === 2) discard();
+  }, true);
+  stage.addEventListener("pointermove", (event) => {
+    if (!fingers.has(event.pointerId)) return;
+    const before = fingers.size === 2 && grip();
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (!before) return;
+    event.stopPropagation();
+    const { x: middle, y: height, span } = grip();
+    x += middle - before.x;
+    y += height - before.y;
+    apply();
+    zoomTo((zoom * span) / before.span, middle, height);
+  }, true);
+  for (const end of ["pointerup", "pointercancel"]) {
+    addEventListener(end, (event) => {
+      if (fingers.size === 2 && fingers.has(event.pointerId)) discard();
+      fingers.delete(event.pointerId);
+    }, true);
+  }
+
   stage.addEventListener("pointerdown", (event) => {
     if (!(space && event.button === 0) && event.button !== 1) return;
     event.preventDefault();

@@ -1,6 +1,6 @@
 """Labels and help texts of the page, where those of the command line name options."""
 
-__all__ = ["HELP_TEXTS", "LABELS"]
+__all__ = ["HELP_TEXTS", "LABELS", "label_of"]
 
 LABELS = {
     "focus.value": "Focus, far to near",
@@ -99,3 +99,12 @@ HELP_TEXTS = {
     "output.expected_error": "Store the expected error of each pixel beside an EXR picture.",
 }
 """Help texts in the words of photography, by path."""
+
+
+def label_of(path: str) -> str:
+    """Return the label of a setting in the studio.
+
+    Args:
+        path: Group and field, such as ``camera.blur``.
+    """
+    return LABELS.get(path, path.partition(".")[2].replace("_", " ").capitalize())

@@ -9,7 +9,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.lenses.catalog import catalog_names
 from bokehnet.settings.fields import Setting, field_settings, to_plain
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types
-from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
+from bokehnet.studio.panels.help_texts import HELP_TEXTS, label_of
 
 __all__ = ["check_reachable", "is_path", "panels"]
 
@@ -86,7 +86,7 @@ def _description(known: Setting) -> dict[str, Any]:
     choices = list(known.choices) or _names(known.path)
     return {
         "path": known.path,
-        "label": LABELS.get(known.path, known.name.replace("_", " ").capitalize()),
+        "label": label_of(known.path),
         "flag": f"--{known.flag}",
         "help": HELP_TEXTS.get(known.path, known.help),
         "unit": known.unit,

@@ -15,6 +15,7 @@ import pytest
 
 pytest.importorskip("onnx", reason="needs onnx, of the extra train")
 
+from bokehnet.inference.depth_models import find_depth_model
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity
@@ -330,3 +331,112 @@ def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address):
         page.wait_for_function("document.body.dataset.provider", timeout=60_000)
         assert page.evaluate("document.body.dataset.provider") == "wasm"
         assert "WebAssembly does the work" in page.inner_text("#told")
+
+
+def depth_network(path, shape=(1, 3, "height", "width")):
+    """Write a network in the convention of Hugging Face whose disparity is the red channel."""
+    import onnx
+
+    helper, kind = onnx.helper, onnx.TensorProto
+    start, stop, axis = (
+        onnx.numpy_helper.from_array(np.array([value], np.int64), name)
+        for name, value in (("start", 0), ("stop", 1), ("axis", 1))
+    )
+    nodes = [
+        helper.make_node("Slice", ["pixel_values", "start", "stop", "axis"], ["red"]),
+        helper.make_node("Squeeze", ["red", "axis"], ["predicted_depth"]),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "tiny",
+        [helper.make_tensor_value_info("pixel_values", kind.FLOAT, shape)],
+        [helper.make_tensor_value_info("predicted_depth", kind.FLOAT, (1, *shape[2:]))],
+        [start, stop, axis],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    path.write_bytes(model.SerializeToString())
+
+
+@pytest.fixture
+def ramp(folder):
+    """A photo whose red grows from left to right over a texture in green, and a depth network for it."""
+    photo = picture(83, 110)
+    photo[..., 0] = np.linspace(0, 1, 110, dtype=np.float32) ** 2.2
+    write_image(folder / "ramp.png", photo)
+    depth_network(folder / "tiny.onnx")
+    return folder
+
+
+def hosts_of(page):
+    """List of the hosts that the page asks from now on, as it grows."""
+    hosts = []
+    page.context.on("request", lambda request: hosts.append(request.url.split("/")[2].split(":")[0]))
+    return hosts
+
+
+@pytest.mark.slow
+def test_a_network_file_estimates_the_depth_of_a_photo_alone(ramp, address, page):
+    """Authority: the network, whose disparity is the red of the photo, 0 at the left and 1 at the right."""
+    hosts = hosts_of(page)
+    page.goto(f"{address}/?K={BLUR}&focus={FOCUS}")
+    page.set_input_files("[name=photo]", ramp / "ramp.png")
+    assert page.is_visible("#download")  # offered once the photo has no map
+    page.set_input_files("[name=network]", ramp / "tiny.onnx")
+    assert "110x83 in" in rendered(page)[0]
+    for x, expected in ((2, 0.02), (107, 0.98)):
+        box = page.locator("#result").bounding_box()
+        before = page.input_value("[name=focus]")
+        page.locator("#result").click(position={"x": x / 110 * box["width"], "y": box["height"] / 2})
+        page.wait_for_function(f"document.querySelector('[name=focus]').value != '{before}'")
+        assert abs(float(page.input_value("[name=focus]")) - expected) < 0.03
+        rendered(page)
+    assert set(hosts) == {"localhost"}
+
+
+@pytest.mark.slow
+def test_a_network_is_downloaded_on_click_only_and_other_bytes_are_refused(ramp, address, page):
+    """Nothing is asked before the click; the pinned address must have the pinned bytes."""
+    hosts = hosts_of(page)
+    headers = {"Access-Control-Allow-Origin": "*"}
+    page.context.route("https://huggingface.co/**", lambda route: route.fulfill(body="none", headers=headers))
+    page.goto(f"{address}/?K={BLUR}&focus={FOCUS}")
+    page.set_input_files("[name=photo]", ramp / "ramp.png")
+    page.wait_for_function("document.body.dataset.provider")
+    assert set(hosts) == {"localhost"}
+    page.click("#download")
+    page.wait_for_function("document.querySelector('[data-fault=network]').textContent")
+    assert "expected SHA-256 afb6a5c28f3b" in page.inner_text("[data-fault=network]")
+    assert hosts.count("huggingface.co") == 1
+    page.fill("[name=address]", f"{address}/missing.onnx")
+    page.click("#download")
+    page.wait_for_function("document.querySelector('[data-fault=network]').textContent.includes('404')")
+    page.fill("[name=address]", f"{address}/tiny.onnx")
+    page.click("#download")
+    assert "110x83 in" in rendered(page)[0]
+    assert page.inner_text("[data-fault=network]") == ""
+
+
+@pytest.mark.slow
+def test_what_is_no_depth_network_is_named_beside_its_control(ramp, address, page):
+    depth_network(ramp / "grey.onnx", (1, 1, "height", "width"))
+    page.goto(address)
+    page.set_input_files("[name=photo]", ramp / "ramp.png")
+    for name, message in (
+        ("photo.png", "no ONNX file"),
+        ("grey.onnx", "expected one input (1, 3, height, width)"),
+    ):
+        page.set_input_files("[name=network]", ramp / name)
+        page.wait_for_function(
+            f"document.querySelector('[data-fault=network]').textContent.includes('{message}')",
+            timeout=60_000,
+        )
+    page.set_input_files("[name=network]", ramp / "tiny.onnx")
+    assert "110x83 in" in rendered(page)[0]
+
+
+def test_the_offered_network_is_the_pinned_one():
+    text = (ROOT / "web/page.js").read_text(encoding="utf-8")
+    model = find_depth_model("depth-anything-v2-small")
+    assert f"huggingface.co/{model.repository}/resolve/{model.revision}/{model.file}" in text
+    assert f'sha256: "{model.sha256}"' in text
+    assert f"{model.bytes / 1e6:.0f} MB, {model.licence.capitalize()}" in text

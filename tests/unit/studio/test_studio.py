@@ -339,6 +339,20 @@ def test_undo_restores_settings_presets_and_strokes_in_order(client, opened):
     assert (state["preset"], state["strokes"], state["undone"]) == ("petzval-swirl", 1, 0)
 
 
+def test_the_history_names_each_change_and_several_are_undone_at_once(client, opened):
+    client.post("api/change", json={"changes": {"aperture": {"blades": 6}}})
+    client.post("api/stroke", json={"stroke": {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1}})
+    state = client.post("api/wear", json={"preset": "petzval-swirl"}).json()
+    changes = ["Blades", "Brush: nearer", "Preset petzval-swirl"]
+    assert (state["changes"], state["done"]) == (changes, 3)
+    state = client.post("api/undo", json={"count": 2}).json()
+    assert (state["changes"], state["done"], state["undone"]) == (changes, 1, 2)
+    assert (state["preset"], state["strokes"]) == ("", 0)
+    state = client.post("api/redo", json={"count": 9}).json()
+    assert (state["done"], state["preset"]) == (3, "petzval-swirl")
+    assert client.post("api/undo", json={"count": 0}).status_code == 400
+
+
 def test_a_session_keeps_the_preset(client, opened):
     client.post("api/wear", json={"preset": "soft-focus"})
     saved = client.get("api/session").content
