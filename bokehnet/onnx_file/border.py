@@ -3,7 +3,7 @@
 import numpy as np
 
 from bokehnet.arrays.beyond_border import COMPARED_PX, LAMP_RATIOS, LIGHT_FLOOR, LINE_RATIOS
-from bokehnet.onnx_file.builder import END, Graph, Value
+from bokehnet.onnx_file.builder import Graph, Value
 
 __all__ = ["beyond_border"]
 
@@ -37,11 +37,16 @@ def _continuation(g: Graph, rows: Value, count: Value) -> Value:
     return rows.cut(1, 0, 1) * (1 - weight) + other * weight
 
 
+def _reversed_rows(g: Graph, rows: Value) -> Value:
+    """Return (3, H, W) upside down; by indices, because WebGPU drops the last row of a slice of step -1."""
+    return rows.take(rows.size(1) - 1 - g.count_up(rows.size(1)), axis=1)
+
+
 def _with_rows(g: Graph, picture: Value, count: Value) -> Value:
     """Return a picture (3, H, W) with ``count`` rows above and below."""
     above = _continuation(g, picture, count)
-    below = _continuation(g, picture.cut(1, -1, -END, -1), count)
-    return g.concat([above.cut(1, -1, -END, -1), picture, below], axis=1)
+    below = _continuation(g, _reversed_rows(g, picture), count)
+    return g.concat([_reversed_rows(g, above), picture, below], axis=1)
 
 
 def beyond_border(g: Graph, picture: Value, reach: Value) -> Value:
