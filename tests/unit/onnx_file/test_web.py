@@ -181,7 +181,7 @@ def test_a_broken_photo_is_reported_and_the_next_one_works(folder, address, page
 def test_a_number_out_of_its_bounds_is_reported_next_to_its_control(folder, address, page):
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     rendered(page)
-    page.click("summary")
+    page.click("#controls summary")
     for wrong in ("", "9", "-3"):
         page.fill("[name=gamma]", wrong)
         page.wait_for_function("document.querySelector('[data-fault=gamma]').textContent")
@@ -417,7 +417,7 @@ def test_a_network_is_downloaded_on_click_only_and_other_bytes_are_refused(ramp,
 
 
 @pytest.mark.slow
-def test_what_is_no_depth_network_is_named_beside_its_control(ramp, address, page):
+def test_an_invalid_depth_network_is_named_next_to_its_control(ramp, address, page):
     depth_network(ramp / "grey.onnx", (1, 1, "height", "width"))
     page.goto(address)
     page.set_input_files("[name=photo]", ramp / "ramp.png")
@@ -431,7 +431,10 @@ def test_what_is_no_depth_network_is_named_beside_its_control(ramp, address, pag
             timeout=60_000,
         )
     page.set_input_files("[name=network]", ramp / "tiny.onnx")
-    assert "110x83 in" in rendered(page)[0]
+    # not ``rendered``: the status still names the failure of the file before
+    page.wait_for_function(
+        "document.querySelector('#status').textContent.includes('110x83 in')", timeout=200_000
+    )
 
 
 def test_the_offered_network_is_the_pinned_one():
