@@ -158,7 +158,7 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
                 path=file.path,
                 gain_map=gain_map,
                 gain_map_error=gain_map_error,
-                choices=_color_notes(attributes, space.name if film else ""),
+                choices=(*_color_notes(attributes, space.name if film else ""), *_page_notes(file)),
             )
         state = file.path.stat()
         origin = _Origin(
@@ -193,6 +193,11 @@ def _color_notes(attributes: Mapping[str, Any], film_space: str) -> tuple[str, .
     if "CMYK" in (attributes.get("jpeg:ColorSpace"), attributes.get("tiff:ColorSpace")):
         notes.append("its CMYK inks are converted without a profile; convert it to sRGB for exact colours")
     return tuple(notes)
+
+
+def _page_notes(file: ImageFile) -> tuple[str, ...]:
+    """Return a note on further pages of a TIFF and further frames of an animated WebP."""
+    return ("of its pages or frames only the first is rendered",) if file.has_second_picture() else ()
 
 
 def without_origin(frame: Frame) -> Frame:

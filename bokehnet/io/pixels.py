@@ -295,6 +295,17 @@ class ImageFile:
         entries = {entry.name: entry.value for entry in self.spec(part).extra_attribs}
         return {name: value for name, value in entries.items() if isinstance(value, int | float | str)}
 
+    def has_second_picture(self) -> bool:
+        """Return whether a file other than EXR has a second page or frame of the size of the first.
+
+        Smaller pages are thumbnails.
+        """
+        if self.headers is not None or not self._input.seek_subimage(1, 0):
+            _message(self._input.geterror)
+            return False
+        spec, first = self._input.spec(), self.parts[0]
+        return bool((spec.width, spec.height) == (first.width, first.height))
+
     def _describe(self) -> list[Part]:
         parts: list[Part] = []
         count = 0
