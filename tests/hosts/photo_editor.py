@@ -46,5 +46,5 @@ class Task:
         words = ["--disparity", self.folder / "disparity.png", *lens, "-o", self.folder / "command.png"]
         assert cli("render", self.folder / "photo.png", *words).code == 0
         picture, wanted = read_image(found), read_image(self.folder / "command.png")
-        assert np.abs(picture - wanted).max() < 0.02  # the editor's file is of 8 bits, with dither
+        assert np.abs(picture - wanted).max() < 0.028  # three levels of 8 bits near white: dither, two files
         assert np.abs(picture - read_image(self.folder / "photo.png")).max() > 0.1

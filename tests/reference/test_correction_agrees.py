@@ -104,7 +104,8 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     assert np.abs(wanted - classical)[error_map > 0].mean() > 0.01
     renderer = BokehRenderer("fast", weights=weights)
     calls: list[tuple[int, int]] = []
-    memory = 500 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
+    continued = image.shape[1] + 2 * min(int(radius), image.shape[1] // 2 + 1)  # beyond both borders
+    memory = 500 * continued * CLASSICAL["scatter"].bytes_per_pixel
     whole = renderer.render_arrays(image, defocus)
     strips = renderer.render_arrays(
         image, defocus, lambda *call: calls.append(call), options=RenderOptions(max_memory=memory)

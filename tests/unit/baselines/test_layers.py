@@ -48,7 +48,7 @@ def test_main_pass_is_what_the_theses_write(two_layers):
     taps, shape = sayg.ring_taps(rings), outline(Aperture())
     ways, table = np.full(largest.shape, rings), sayg.tap_table(rings)
     result = np.empty((24, 28, 4), np.float32)
-    sayg._main(light, coc, nearest, largest, 16, ways, table, shape, 2.0, two_layers, result)
+    sayg._main(light, coc, nearest, largest, 16, ways, table, shape, 2.0, two_layers, 0.0, result)
     for y, x in ((12, 14), (9, 16), (15, 11)):
         reach, first = largest[y // 16, x // 16], nearest[y // 16, x // 16]
         fore, back = np.zeros(4), np.zeros(4)
@@ -82,7 +82,7 @@ def test_tans_sum_does_not_depend_on_the_layers():
     results = []
     for fade in (0.1, 50.0):
         result = np.empty((20, 20, 4), np.float32)
-        sayg._main(light, coc, nearest, largest, 16, ways, table, shape, fade, False, result)
+        sayg._main(light, coc, nearest, largest, 16, ways, table, shape, fade, False, 0.0, result)
         results.append(result[..., :3])
     assert np.allclose(*results, atol=1e-5)
 

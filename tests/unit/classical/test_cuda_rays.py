@@ -16,6 +16,7 @@ from bokehnet.classical.cuda.renderers import make_on_cuda
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs
 from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
 from bokehnet.classical.layered.march.ray_marching import SETS
+from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.classical.rays_renderer import Device, render_rays
 from bokehnet.classical.torch.device_scatter import cuda_unavailable_reason, scatter_on
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
@@ -90,8 +91,12 @@ def test_the_walk_of_one_ray_gives_the_picture_of_eight_at_once(on_cpu, aperture
     assert decibels(found.disocclusion_weight, wanted.disocclusion_weight) > 60
 
 
-def test_long_rays_that_pass_tiles_in_one_step_give_it_too(on_cpu):
-    """Blur over more than 16 pixels of defocus, and a smooth slope alone, whose surface is looked at."""
+def test_long_rays_that_pass_tiles_in_one_step_give_it_too(on_cpu, monkeypatch):
+    """Blur over more than 16 pixels of defocus, and a smooth slope alone, whose surface is looked at.
+
+    Graphics cards march at the full size only.
+    """
+    monkeypatch.setattr(resolution_levels, "MAX_LEVELS", 0)
     image, defocus = scene()
     slope = np.tile(np.linspace(-6, 6, image.shape[1], dtype=np.float32), (image.shape[0], 1))
     slope[:6] = 30

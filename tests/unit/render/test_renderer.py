@@ -181,7 +181,7 @@ def test_strips_give_the_same_picture(scene, monkeypatch):
     ramp = np.linspace(0, 1, 600 * 48, dtype=np.float32).reshape(600, 48)
     tall_scene = make_scene(tall, RelativeDisparity(map=ramp, as_stored=True))
     calls = []
-    settings = with_groups(engine=EngineSettings(max_memory=1_900_000))
+    settings = with_groups(engine=EngineSettings(max_memory=2_400_000))
     renderer = BokehRenderer("scatter")
     found = renderer.render(tall_scene, settings, lambda *step: calls.append(step))
     assert calls[-1][1] > 1

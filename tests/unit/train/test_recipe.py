@@ -267,14 +267,15 @@ def test_the_documentation_lists_the_commands_of_the_recipe():
 @pytest.mark.train
 @pytest.mark.timeout(900)
 def test_the_small_recipe_learns(tmp_path):
-    """Held-out scenes: better than the classical picture, which is doing nothing, and more so at the end."""
+    """Held-out scenes: better than the classical picture, which is doing nothing, from the first check on."""
     line = [sys.executable, "-m", "train.recipe", "--small", "--out", str(tmp_path)]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
     log = "".join(path.read_text() for path in (tmp_path / "logs").glob("*arnet*"))
     gains = [float(gain) for gain in re.findall(r"gain/edge_psnr (-?[0-9.]+)", log)]
     assert len(gains) >= 3
-    assert gains[-1] > max(gains[0], 0.2)
+    assert min(gains) > 0.1
+    assert gains[-1] > 0.2
 
 
 @pytest.mark.slow
