@@ -13,10 +13,10 @@ pytest.importorskip("torch", reason="needs the extra cuda")
 from bokehnet.classical.cuda.march import cuda_rays_unavailable_reason
 from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
 from bokehnet.classical.cuda.renderers import make_on_cuda
+from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs
 from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
 from bokehnet.classical.layered.march.ray_marching import SETS
-from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.classical.rays_renderer import Device, render_rays
 from bokehnet.classical.torch.device_scatter import cuda_unavailable_reason, scatter_on
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
