@@ -24,7 +24,7 @@ from bokehnet.studio.files.uploads import safe_name
 from bokehnet.studio.history import History, State
 from bokehnet.studio.looks import settings_of_new_picture, settings_with_depth, settings_with_preset
 from bokehnet.studio.opened import FLAT_DISPARITY, Opened, extra_light, open_picture, repaired_map
-from bokehnet.studio.panels.help_texts import label_of
+from bokehnet.studio.panels.help_texts import words_of_change
 from bokehnet.studio.panels.panels import check_reachable, is_path
 from bokehnet.studio.panels.wording import command_line, look_of, python_lines
 from bokehnet.studio.preview.preview import Previews
@@ -33,18 +33,8 @@ from bokehnet.studio.strokes import Stroke
 __all__ = ["Session"]
 
 _MAX_OPENING_SECONDS = 90.0
-
 _MAX_ESTIMATE_SECONDS = 900.0
-
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
-
-
-def _words_of_change(changes: Mapping[str, Any]) -> str:
-    """Return words for a change of settings: the label of its control, or the name of its group."""
-    paths = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
-    if "focus" in changes or not paths:
-        return "Focus" if "focus" in changes else ", ".join(changes).capitalize()
-    return label_of(paths[0])
 
 
 class Session:
@@ -191,7 +181,7 @@ class Session:
             settings = RenderSettings().updated(merged(table, values))
             if settings != before:
                 controls = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
-                self._remember(_words_of_change(changes), controls or list(changes))
+                self._remember(words_of_change(changes), controls or list(changes))
             self.settings = settings
         self._repair_again(before)
         return settings

@@ -1,6 +1,9 @@
 """Labels and help texts of the page, where those of the command line name options."""
 
-__all__ = ["HELP_TEXTS", "LABELS", "label_of"]
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["HELP_TEXTS", "LABELS", "label_of", "words_of_change"]
 
 LABELS = {
     "focus.value": "Focus, far to near",
@@ -108,3 +111,11 @@ def label_of(path: str) -> str:
         path: Group and field, such as ``camera.blur``.
     """
     return LABELS.get(path, path.partition(".")[2].replace("_", " ").capitalize())
+
+
+def words_of_change(changes: Mapping[str, Any]) -> str:
+    """Return words for a change of settings: the label of its control, or the name of its group."""
+    paths = [f"{group}.{name}" for group, fields in changes.items() for name in fields]
+    if "focus" in changes or not paths:
+        return "Focus" if "focus" in changes else ", ".join(changes).capitalize()
+    return label_of(paths[0])

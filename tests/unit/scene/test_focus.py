@@ -1,4 +1,4 @@
-"""What stays sharp; the command line's view is in tests/unit/cli/options/test_focus_plane_options.py."""
+"""Range of disparities that stays sharp; for the command line see test_focus_plane_options.py."""
 
 import math
 
