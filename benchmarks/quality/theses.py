@@ -148,7 +148,7 @@ def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
     image, defocus = scene(512, 384, 16.0)
     frames = pan()
     middle = [(frame.truths[0] + frame.truths[1]) / 2 for frame in frames]
-    print("\nProcessor seconds and memory at 512x384, discs up to 16 px; bytes a pixel; flicker, per cent of white")
+    print("\nProcessor seconds, bytes a pixel and flicker in per cent of white; 512x384, discs up to 16 px")
     print(f"{'method':18s}{'seconds':>9s}{'memory':>9s}{'flicker':>9s}")
     figures = {}
     for name, method in methods.items():
