@@ -18,9 +18,7 @@ from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.render.output import check_output
-from bokehnet.scene.camera import complete_camera, merged_camera
-from bokehnet.scene.depth.depth_source import EmbeddedDepth, MetricDepth, depth_source
-from bokehnet.scene.depth.explicit_depth import map_camera
+from bokehnet.scene.depth.depth_source import EmbeddedDepth, depth_source
 from bokehnet.scene.focus_checks import check_focus, check_pixels
 from bokehnet.sequence.sequence import input_files
 from bokehnet.settings.settings import EngineSettings, RenderSettings
@@ -142,9 +140,9 @@ def check_inputs(image: Path, settings: RenderSettings) -> Window:
 
     Raises:
         ImageFileError: A file is missing or damaged.
-        ParameterError: A pixel in focus lies outside the picture, or data of the camera are missing.
+        ParameterError: A pixel in focus lies outside the picture.
     """
-    window, camera = picture_header(image)
+    window = picture_header(image)[0]
     for name, path in input_files(settings).items():
         if name != "depth_model":
             check_intact(path)
@@ -152,10 +150,6 @@ def check_inputs(image: Path, settings: RenderSettings) -> Window:
     with errors.collect():
         if not isinstance(source, EmbeddedDepth):  # a phone's original may have another size
             check_pixels(settings.focus, window, settings.input.supersampled)
-    with errors.collect():
-        if isinstance(source, MetricDepth) and settings.input.depth is not None:
-            known = merged_camera(camera, map_camera(settings.input.depth))
-            complete_camera(settings.camera, known, source.origin)
     errors.raise_all()
     return window
 
