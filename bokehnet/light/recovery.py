@@ -10,7 +10,7 @@ from bokehnet.light.clip_level import ClipLevel, clip_levels
 from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
 from bokehnet.light.lamps import add_lamps
 
-__all__ = ["RecoveredLight", "measured_light", "recover_light"]
+__all__ = ["RecoveredLight", "common_levels", "is_drawing", "measured_light", "recover_light"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -67,8 +67,8 @@ def recover_light(
     """
     if strength <= 0 or image.size == 0 or not np.isfinite(image).all():
         return RecoveredLight(image=image)
-    levels = _common_levels(image, config)
-    if levels is None or _is_drawing(image, levels.clipped, config):
+    levels = common_levels(image, config)
+    if levels is None or is_drawing(image, levels.clipped, config):
         return RecoveredLight(image=image)
     picture, result = BrightPicture.of(image, nearness, levels, config), image.copy()
     is_lamp = add_lamps(picture, result)
@@ -124,7 +124,7 @@ def measured_light(
     )
 
 
-def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
+def is_drawing(image: Array, level: float, config: LightConfig) -> bool:
     """Return whether nearly all pixels between black and white equal both neighbours in their row.
 
     Photographs have noise and shading; drawings and screenshots have flat colours.
@@ -137,7 +137,7 @@ def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
     return count == 0 or bool((equal[:, 1:] & equal[:, :-1])[is_shown].sum() > config.flat * count)
 
 
-def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
+def common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
     """Return the clip level of the whole picture; None unless at least two channels clip at the same one."""
     levels = clip_levels(
         image,
