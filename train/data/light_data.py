@@ -12,7 +12,7 @@ from torch import Tensor
 from bokehnet.config import load_config
 from bokehnet.errors import DataFileError
 from bokehnet.io.files.atomic import write_atomic
-from train.data.light_regions import light_regions
+from train.data.light_regions import measured_regions
 from train.data.light_scenes import LIGHT, CameraCurve, decoded, light_picture, with_halo
 
 __all__ = ["LightDataConfig", "LightExamples", "LightScenesConfig", "held_out_regions", "make_scene"]
@@ -90,15 +90,16 @@ def _stored_regions(
     if rng.random() < 0.4:  # the point spread function of a lens or of the demosaicking
         light = gaussian_filter(light, (*[float(rng.uniform(0.3, 1.2))] * 2, 0))
     given = decoded(_noisy(light, rng))
-    regions = light_regions(given, nearness)
-    if regions is None:
+    measured = measured_regions(given, nearness)
+    if measured is None:
         return None
+    true = measured.regions.sums(light.astype(np.float32))
     return {
-        "features": regions.features,
-        "stored": regions.stored.astype(np.float32),
-        "true": np.maximum(regions.sums(light.astype(np.float32)), regions.stored).astype(np.float32),
-        "surround": regions.surround.astype(np.float32),
-        "area": regions.pixels.sums().astype(np.float32),
+        "features": measured.features,
+        "stored": measured.stored.astype(np.float32),
+        "true": np.maximum(true, measured.stored).astype(np.float32),
+        "surround": measured.surround.astype(np.float32),
+        "area": measured.regions.pixels.sums().astype(np.float32),
     }
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Indices
-from bokehnet.light.components import Components, connected_components
+from bokehnet.light.components import Components
 from bokehnet.light.config import DEFAULT_CONFIG
-from bokehnet.light.recovery import common_levels, is_drawing, recover_light
-from bokehnet.models.light import FEATURES
+from bokehnet.light.recovery import estimated_light, picture_of
+from bokehnet.light.regions import LightRegions, light_regions
 
-__all__ = ["LightRegions", "light_regions", "with_region_light"]
+__all__ = ["MeasuredRegions", "measured_regions", "with_gains"]
 
 # Distances from the edge of the clipped pixels at which the light around them is measured, pixels.
 _STEPS_PX = (1, 2, 3, 4, 6, 8, 12, 16)
@@ -21,112 +21,64 @@ _DARK = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class LightRegions:
-    """Regions of a picture that hold clipped pixels.
-
-    Light is relative to the clip level, sums are over the pixels of a region.
+class MeasuredRegions:
+    """Regions of a picture that hold clipped pixels, and their light relative to the clip level.
 
     Attributes:
-        pixels: Pixels of the regions.
+        regions: Regions.
         features: Features, (regions, FEATURES).
         stored: Sums of the stored light, (regions, 3).
         closed: Sums of the light of the closed form, (regions, 3).
         surround: Light around each region, (regions, 3).
         recovered: Picture of the closed form, (H, W, 3).
-        level: Clip level.
     """
 
-    pixels: Components
+    regions: LightRegions
     features: Array
     stored: Floats
     closed: Floats
     surround: Floats
     recovered: Array
-    level: float
-
-    def sums(self, image: Array) -> Floats:
-        """Return the sums of an image (H, W, 3) over regions, relative to the clip level, (regions, 3)."""
-        values = image[self.pixels.rows, self.pixels.columns].astype(np.float64) / self.level
-        return np.stack([self.pixels.sums(values[:, channel]) for channel in range(3)], -1)
 
 
-def light_regions(image: Array, nearness: Array | None) -> LightRegions | None:
+def measured_regions(image: Array, nearness: Array | None) -> MeasuredRegions | None:
     """Measure the regions of a picture that hold clipped pixels; None if nothing in it is clipped light.
 
     Args:
         image: Scene-linear picture, (H, W, 3), decoded from display-referred values of 0 to 1.
         nearness: Map in which near is large, (H, W).
     """
-    config = DEFAULT_CONFIG
-    levels = common_levels(image, config)
-    if levels is None or is_drawing(image, levels.clipped, config):
+    picture = picture_of(image, nearness, DEFAULT_CONFIG)
+    if picture is None:
         return None
-    picture = BrightPicture.of(image, nearness, levels, config)
-    pixels = _with_clipped(connected_components(picture.highest >= config.bright * levels.clipped), picture)
-    if pixels is None:
+    regions, recovered = light_regions(picture), estimated_light(picture)
+    if regions.pixels.count == 0:
         return None
-    recovered = recover_light(image, nearness).image
-    result = LightRegions(
-        pixels=pixels,
-        features=np.zeros((pixels.count, FEATURES), np.float32),
-        stored=np.zeros((pixels.count, 3)),
-        closed=np.zeros((pixels.count, 3)),
-        surround=np.zeros((pixels.count, 3)),
-        recovered=recovered,
-        level=levels.clipped,
-    )
-    result.stored[:], result.closed[:] = result.sums(image), result.sums(recovered)
-    profile, edges = _profile(picture, pixels)
-    result.surround[:] = profile[:, -1]
-    own = _features(picture, pixels, profile, edges, np.log2(result.closed / result.stored))
+    stored, closed = regions.sums(image), regions.sums(recovered)
+    profile, edges = _profile(picture, regions.pixels)
+    own = _features(picture, regions.pixels, profile, edges, np.log2(closed / stored))
     weight = np.sqrt(edges + 1)[:, None]
-    shared = np.tile((weight * own).sum(0) / weight.sum(), (pixels.count, 1))
-    result.features[:] = np.concatenate([own, shared], 1)
-    return result
+    shared = np.tile((weight * own).sum(0) / weight.sum(), (len(own), 1))
+    return MeasuredRegions(
+        regions=regions,
+        features=np.concatenate([own, shared], 1).astype(np.float32),
+        stored=stored,
+        closed=closed,
+        surround=profile[:, -1],
+        recovered=recovered,
+    )
 
 
-def with_region_light(image: Array, regions: LightRegions, log_gain: Array) -> Array:
-    """Return a picture whose regions have a gain on their stored light.
-
-    The excess is distributed within a region as the closed form distributes it; in a region that it leaves
-    unchanged, as the square of the light above half the clip level.
+def with_gains(image: Array, measured: MeasuredRegions, log_gain: Array) -> Array:
+    """Return a picture whose regions have a gain on the sums of their light.
 
     Args:
         image: Scene-linear picture, (H, W, 3).
-        regions: Its regions.
-        log_gain: Binary logarithm of the gain on the sums, (regions, 3).
+        measured: Its regions.
+        log_gain: Binary logarithm of the gain, (regions, 3).
     """
-    at, labels = (regions.pixels.rows, regions.pixels.columns), regions.pixels.labels
-    excess = (regions.recovered[at] - image[at]).astype(np.float64)
-    half = DEFAULT_CONFIG.bright * regions.level
-    shape = np.clip((image[at].astype(np.float64) - half) / (regions.level - half), 0, 1) ** 2
-    flux = regions.stored * np.maximum(np.exp2(log_gain.astype(np.float64)) - 1, 0) * regions.level
-    result = image.copy()
-    whole = regions.pixels.sums(excess.sum(-1))
-    for channel in range(3):
-        weights = np.where(whole[labels] > 0, excess[:, channel], shape[:, channel])
-        sums = regions.pixels.sums(weights)
-        weights = np.where(sums[labels] > 0, weights, shape.max(-1))
-        scale = flux[:, channel] / np.maximum(regions.pixels.sums(weights), 1e-6)
-        result[(*at, channel)] += (scale[labels] * weights).astype(np.float32)
-    return result
-
-
-def _with_clipped(pixels: Components, picture: BrightPicture) -> Components | None:
-    """Return the components with a clipped pixel, renumbered; None without any."""
-    if pixels.count == 0:
-        return None
-    clipped = pixels.sums(picture.highest[pixels.rows, pixels.columns] >= picture.level) > 0
-    if not clipped.any():
-        return None
-    number = np.cumsum(clipped) - 1
-    inside = clipped[pixels.labels]
-    return Components(
-        pixels.rows[inside],
-        pixels.columns[inside],
-        number[pixels.labels[inside]],
-        int(clipped.sum()),
-    )
+    sums = measured.stored * np.exp2(log_gain.astype(np.float64))
+    return measured.regions.with_sums(image, measured.recovered, sums)
 
 
 def _profile(picture: BrightPicture, pixels: Components) -> tuple[Floats, Floats]:
@@ -161,7 +113,7 @@ def _inside(rows: Indices, columns: Indices, height: int, width: int) -> npt.NDA
 def _features(
     picture: BrightPicture, pixels: Components, profile: Floats, edges: Floats, closed: Floats
 ) -> Floats:
-    """Return the features of each region by itself, (regions, FEATURES / 2)."""
+    """Return the features of each region by itself, half of the features of LightNet."""
     at, levels = (pixels.rows, pixels.columns), picture.levels
     area, count = pixels.sums(), pixels.count
     light = picture.image[at].astype(np.float64) / picture.level
