@@ -3,6 +3,7 @@
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 ``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
+``python -m train.export --light runs/light/last.pt --out runs/light/onnx``
 """
 
 import argparse
@@ -20,7 +21,7 @@ from train.data.prepared import DESCRIPTION, check_features
 
 __all__ = ["main"]
 
-_NETWORKS = ("arnet", "iunet", "repair", "error")
+_NETWORKS = ("arnet", "iunet", "repair", "error", "light")
 
 
 def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def main(words: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(words)
     names = [name for name in _NETWORKS if getattr(arguments, name)]
     if names != ["arnet", "iunet"] and (len(names) != 1 or names == ["iunet"]):
-        parser.error("expected --arnet, with or without --iunet, or one of --repair and --error")
+        parser.error("expected --arnet, with or without --iunet, or one of --repair, --error and --light")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in names}
         notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}

@@ -13,6 +13,7 @@ from bokehnet.io.files.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.models.light import LightNet, LightNetConfig
 from bokehnet.models.onnx_import import read_exported
 from bokehnet.models.repair import RepairNet, RepairNetConfig
 
@@ -31,6 +32,7 @@ NETWORKS = {
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
     "error": _Network(ErrorNet, ErrorNetConfig),
+    "light": _Network(LightNet, LightNetConfig),
 }
 
 

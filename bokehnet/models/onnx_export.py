@@ -18,6 +18,8 @@ from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
 from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
+from bokehnet.models.light import FEATURES as LIGHT_FEATURES
+from bokehnet.models.light import LightNet
 from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
 
@@ -49,6 +51,8 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     if isinstance(network, ErrorNet):
         pictures = {name: noise(3) for name in ("image", "rays", "scatter")}
         return {**pictures, "features": noise(len(FEATURES))}
+    if isinstance(network, LightNet):
+        return {"features": torch.randn(size[0], LIGHT_FEATURES, generator=generator)}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
     inputs = {
@@ -64,10 +68,12 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
 
 
 def _export(network: nn.Module, path: Path) -> None:
-    """Write one network with dynamic height and width."""
+    """Write one network with dynamic height and width, or number of regions."""
     inputs, block = _inputs(network, _EXAMPLE_SIZE), _block(network)
     rows, columns = torch.export.Dim("rows", min=2), torch.export.Dim("columns", min=2)
     sizes: dict[str, Any] = {key: {2: block * rows, 3: block * columns} for key in inputs}
+    if isinstance(network, LightNet):
+        sizes = {"features": {0: torch.export.Dim("regions", min=2)}}
     if "coarse" in sizes:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
     if "span" in sizes:
@@ -77,6 +83,7 @@ def _export(network: nn.Module, path: Path) -> None:
         "IUNet": ["bokeh"],
         "RepairNet": ["repaired", "votes"],
         "ErrorNet": ["expected_error"],
+        "LightNet": ["log_gain", "probability"],
     }
     program = torch.onnx.export(
         network,
@@ -121,7 +128,7 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``error``, or ``arnet`` and ``iunet``
+        networks: Trained networks by name: ``repair``, ``error``, ``light``, or ``arnet`` and ``iunet``
             with the same ``network_max_radius``.
         folder: Target folder; created if missing. The manifest is written last, so that a broken export is
             never used.

@@ -201,8 +201,6 @@ def _jobs_of(
     job: FrameJob, sequence: SequenceSettings, frames: Sequence[int], path: Sequence[TrackedPoint]
 ) -> dict[int, FrameJob]:
     base = job.settings
-    if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
-        base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(sequence.frames or (), sequence, metric=metric, path=path)
     maps = base.output.save_maps
@@ -264,7 +262,7 @@ def render_frame(
         check_output(job.output, job.settings.output, scenes[0].frame)
         times.append(perf_counter())
         report = begin("depth")
-        focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
+        focused = renderer.prepare(job.shot.lit(scenes.pop()), job.settings, report, plan=job.shot.plan)
     times.append(perf_counter())
     report = begin("rendering")
     if warn:
