@@ -11,6 +11,7 @@ from bokehnet.config import build_config, check_same, to_dict
 from bokehnet.errors import DataFileError
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.models.bokehme import BokehMeARNet, BokehMeConfig, BokehMeIUNet
 from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_import import read_exported
@@ -31,6 +32,8 @@ NETWORKS = {
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
     "error": _Network(ErrorNet, ErrorNetConfig),
+    "bokehme_arnet": _Network(BokehMeARNet, BokehMeConfig),
+    "bokehme_iunet": _Network(BokehMeIUNet, BokehMeConfig),
 }
 
 

@@ -18,7 +18,7 @@ __all__ = ["Job", "call"]
 
 # Imported once in the fork server, which runs nothing else.
 _TOOLS = ["bokehnet.cli.app", *(f"train.{name}" for name in ("prepare", "export", "evaluate", "card"))]
-_TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error")]
+_TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error", "bokehme")]
 
 
 def call(words: Sequence[str], processes: int = 1) -> None:

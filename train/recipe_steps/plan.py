@@ -25,6 +25,7 @@ COMMANDS = {
     "error": ("python", "-m", "train.train_error"),
     "arnet": ("python", "-m", "train.train_arnet"),
     "iunet": ("python", "-m", "train.train_iunet"),
+    "bokehme": ("python", "-m", "train.train_bokehme"),
     "export": ("python", "-m", "train.export"),
     "evaluate": ("python", "-m", "train.evaluate"),
     "card": ("python", "-m", "train.card"),
@@ -55,7 +56,9 @@ class Step:
     """
 
     makes: str
-    by: Literal["synth", "prepare", "repair", "error", "arnet", "iunet", "export", "evaluate", "card"]
+    by: Literal[
+        "synth", "prepare", "repair", "error", "arnet", "iunet", "bokehme", "export", "evaluate", "card"
+    ]
     config: str = ""
     settings: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
@@ -69,7 +72,7 @@ class Step:
     @property
     def trains(self) -> bool:
         """True if the step trains a network."""
-        return self.by in ("repair", "error", "arnet", "iunet")
+        return self.by in ("repair", "error", "arnet", "iunet", "bokehme")
 
     @property
     def shared(self) -> bool:
