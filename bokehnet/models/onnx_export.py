@@ -13,9 +13,11 @@ from torch import Tensor, nn
 
 from bokehnet.config import to_dict
 from bokehnet.errors import ModelFileError
+from bokehnet.inference.bokehme import UNIT_PX
 from bokehnet.io.files.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
+from bokehnet.models.bokehme import BokehMeARNet, BokehMeIUNet
 from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.light import FEATURES as LIGHT_FEATURES
@@ -53,6 +55,11 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
         return {**pictures, "features": noise(len(FEATURES))}
     if isinstance(network, LightNet):
         return {"features": torch.randn(size[0], LIGHT_FEATURES, generator=generator)}
+    if isinstance(network, BokehMeARNet | BokehMeIUNet):
+        inputs = {"image": noise(3), "defocus": UNIT_PX * (2 * noise(1) - 1)}
+        if isinstance(network, BokehMeIUNet):
+            inputs["coarse"] = noise(3, height // 2, width // 2)
+        return inputs | {"gamma": noise(1, 1, 1)}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
     inputs = {
@@ -76,14 +83,16 @@ def _export(network: nn.Module, path: Path) -> None:
         sizes = {"features": {0: torch.export.Dim("regions", min=2)}}
     if "coarse" in sizes:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
-    if "span" in sizes:
-        sizes["span"] = {}
+    for scalar in sizes.keys() & {"span", "gamma"}:
+        sizes[scalar] = {}
     outputs = {
         "ARNet": ["bokeh", "error_map"],
         "IUNet": ["bokeh"],
         "RepairNet": ["repaired", "votes"],
         "ErrorNet": ["expected_error"],
         "LightNet": ["log_gain", "probability"],
+        "BokehMeARNet": ["bokeh", "error_map"],
+        "BokehMeIUNet": ["bokeh"],
     }
     program = torch.onnx.export(
         network,
@@ -128,8 +137,8 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``error``, ``light``, or ``arnet`` and ``iunet``
-            with the same ``network_max_radius``.
+        networks: Trained networks by name: ``repair``, ``error``, ``light``, ``bokehme_arnet`` and
+            ``bokehme_iunet``, or ``arnet`` and ``iunet`` with the same ``network_max_radius``.
         folder: Target folder; created if missing. The manifest is written last, so that a broken export is
             never used.
         manifest: Further content of the manifest: the runs of the networks, and for a pair the name of the

@@ -27,6 +27,7 @@ COMMANDS = {
     "light": ("python", "-m", "train.train_light"),
     "arnet": ("python", "-m", "train.train_arnet"),
     "iunet": ("python", "-m", "train.train_iunet"),
+    "bokehme": ("python", "-m", "train.train_bokehme"),
     "export": ("python", "-m", "train.export"),
     "evaluate": ("python", "-m", "train.evaluate"),
     "card": ("python", "-m", "train.card"),
@@ -66,6 +67,7 @@ class Step:
         "light",
         "arnet",
         "iunet",
+        "bokehme",
         "export",
         "evaluate",
         "card",
@@ -83,7 +85,7 @@ class Step:
     @property
     def trains(self) -> bool:
         """True if the step trains a network."""
-        return self.by in ("repair", "error", "light", "arnet", "iunet")
+        return self.by in ("repair", "error", "light", "arnet", "iunet", "bokehme")
 
     @property
     def shared(self) -> bool:
