@@ -17,8 +17,12 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.layered.background.inpainting_order import OccludedRings
-from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD, STEP_TILE, are_one_surface
 from bokehnet.classical.layered.background.structure_transport import tiles_around
+from bokehnet.classical.layered.depth_discontinuities import (
+    DISCONTINUITY_THRESHOLD,
+    STEP_TILE,
+    are_one_surface,
+)
 from bokehnet.classical.simd.float8 import LANES, abs8, broadcast8, less8, load8, select8, sum8
 from bokehnet.kernels import njit
 
@@ -123,7 +127,7 @@ def _patch_distance(roots, defocus, size, v, u, patch, known):
 
 @njit(cache=True)
 def _is_candidate(defocus, lights, active_tiles, depth, y, x, v, u):
-    """Return whether (v, u) shows the surface occluded at (y, x), no light, and has a patch in active tiles."""
+    """Return whether (v, u) shows the surface occluded at (y, x), no light, and has a known patch."""
     height, width = defocus.shape
     if (
         not (

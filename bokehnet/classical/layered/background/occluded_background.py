@@ -36,7 +36,7 @@ _SMOOTHING_REACH_PX = 2
 # certain they are to continue.
 _FADING_DISTANCE_PX = 16.0
 
-# Distance from the edge, pixels, beyond which lines have less than 1 / 140 of the weight and are not continued.
+# Distance from the edge, pixels, beyond which lines have less than 1 / 140 of the weight and are left out.
 _MAX_LINE_DISTANCE_PX = int(5 * _FADING_DISTANCE_PX)
 
 # Distance, in pixels beyond the disc of an occluded pixel, from which smaller layers read it.
