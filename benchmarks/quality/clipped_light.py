@@ -1,6 +1,6 @@
 """Recovery of clipped light on traced scenes: ``python -m benchmarks.quality.clipped_light``.
 
-Scenes of :mod:`benchmarks.quality.scenes.light_scenes` are stored by cameras in 8 bits and rendered by the
+Scenes of :mod:`train.data.light_scenes` are stored by cameras in 8 bits and rendered by the
 rays, with and without recovery. The truth is traced through the lens and stored by the same camera. ``gap
 closed`` is the gain in dB relative to that of a picture with its true light. Matter should gain and lose
 nothing.
@@ -15,7 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.scenes.light_scenes import (
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
+from bokehnet.light.recovery import recover_light
+from bokehnet.optics.coc import defocus_from_disparity
+from train.data.light_scenes import (
     CAMERAS,
     LIGHT,
     MATTER,
@@ -24,10 +28,6 @@ from benchmarks.quality.scenes.light_scenes import (
     cases,
     decoded,
 )
-from bokehnet.classical.rays_renderer import rays
-from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
-from bokehnet.light.recovery import recover_light
-from bokehnet.optics.coc import defocus_from_disparity
 from train.scores.metrics import psnr
 
 Recovery = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.scenes.light_scenes import CameraCurve, decoded
 from bokehnet.light.recovery import recover_light
+from train.data.light_scenes import CameraCurve, decoded
 
 _HEIGHT, _WIDTH, _FRAMES, _REACH = 160, 240, 24, 16
 _STEP_PX = 0.37
