@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.checks import check_choice
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError, ParameterError
-from bokehnet.fusion import fuse
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value

@@ -15,20 +15,20 @@ from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.light.recovery import RecoveredLight
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
-from bokehnet.render.exposure.supersampling import (
-    at_rendered_size,
-    rendered_surfaces,
-    settings_in_fine_pixels,
-)
-from bokehnet.render.look import copy_tilt_gradient
-from bokehnet.render.picture_cache import PictureCache, array_digest
-from bokehnet.render.recovered_light import recovered_light
 from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
 from bokehnet.scene.focus_checks import check_nothing_to_focus
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
+from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
+from bokehnet.scene.preparation.recovered_light import recovered_light
+from bokehnet.scene.preparation.rendered_size import (
+    at_rendered_size,
+    rendered_surfaces,
+    settings_in_fine_pixels,
+)
+from bokehnet.scene.prescription import copy_tilt_gradient
 from bokehnet.scene.scene import (
     FocusedScene,
     Scene,
