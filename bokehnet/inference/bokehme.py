@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace
-from bokehnet.fusion import fuse
+from bokehnet.arrays.fusion import fuse
 
 __all__ = [
     "DISPLAY_GAMMA",
