@@ -83,7 +83,9 @@ def _arnet_loss(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, d
     return bokehme_loss([(bokeh, truth, batch["target"])], error_map, batch["target"])
 
 
-def _iunet_loss(arnet: nn.Module, network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+def _iunet_loss(
+    arnet: nn.Module, network: nn.Module, batch: dict[str, Tensor]
+) -> tuple[Tensor, dict[str, Tensor]]:
     image, truth, gamma = _encoded(batch)
     defocus, height, width = batch["defocus"], *image.shape[-2:]
     # At least one step of upsampling, so that every batch teaches.
@@ -121,7 +123,9 @@ def _score(
         )
         shown = {"classical": encoded_classical, "neural": result.neural, "fused": result.bokeh}
         linear = {name: x.clamp(min=0) ** DISPLAY_GAMMA for name, x in shown.items()}
-        arrays = {name: x[0].permute(1, 2, 0).cpu().numpy() for name, x in (linear | {"truth": truth}).items()}
+        arrays = {
+            name: x[0].permute(1, 2, 0).cpu().numpy() for name, x in (linear | {"truth": truth}).items()
+        }
         radius = example["defocus"][0, 0].numpy()
         rows.append(
             {
@@ -133,7 +137,9 @@ def _score(
         if number < 4:
             row = [*(x[0] for x in shown.values()), truth[0] ** (1 / DISPLAY_GAMMA)]
             row.append(result.error_map[0].expand(3, -1, -1))
-            pictures[f"classical_neural_fused_truth_error/{number}"] = torch.cat(row, dim=-1).clamp(0, 1).cpu()
+            pictures[f"classical_neural_fused_truth_error/{number}"] = (
+                torch.cat(row, dim=-1).clamp(0, 1).cpu()
+            )
     return mean_scores(rows), pictures
 
 

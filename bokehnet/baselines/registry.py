@@ -62,6 +62,7 @@ spread_pixel_layers spread.layered_spreading    any       Lee 2008
 lens_spreading    spread.lens_tables            any       thesis 001
 image_rays        rays.image_based_rays         any       Lee 2010
 bokehme_scatter   spread.bokehme                disc      Peng 2022
+bokehme           spread.bokehme                disc      Peng 2022
 """
 
 # Baselines that support lens aberrations.
@@ -87,6 +88,7 @@ _FAULTS = {
     "lens_spreading": f"slow; {_ORDER_FAULT}",
     "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
     "bokehme_scatter": _ORDER_FAULT,
+    "bokehme": "its networks invent what is behind foregrounds; large blur is smooth at edges",
 }
 
 
