@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import (
@@ -34,7 +35,6 @@ from bokehnet.classical.layered.march.resolution_levels import levels_halo, marc
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter_beyond, scatter_inside
-from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, pupil_points
@@ -346,6 +346,7 @@ def _render_layers(
             job.pixel_filter,
             job.known,
             lambda fraction: report(1, fraction),
+            rays_mask,
         )
     else:
         stack, mixed = job.layers, None

@@ -16,8 +16,8 @@ from typing import Protocol
 
 import numpy as np
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.checks import Array, array_namespace
-from bokehnet.fusion import fuse
 
 __all__ = [
     "DISPLAY_GAMMA",

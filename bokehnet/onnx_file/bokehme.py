@@ -3,7 +3,7 @@
 import numpy as np
 import onnx
 
-from bokehnet.fusion import fuse
+from bokehnet.arrays.fusion import fuse
 from bokehnet.inference.bokehme import (
     DISPLAY_GAMMA,
     GAMMA_RANGE,

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import onnx
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.baselines.spread.bokehme import bokehme
 from bokehnet.checks import check_choice
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError, ParameterError
-from bokehnet.fusion import fuse
 from bokehnet.inference.bokehme import DISPLAY_GAMMA
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.files.atomic import write_atomic

@@ -9,8 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.errors import ConfigError
-from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import encode
 
 __all__ = ["ERROR_TARGETS", "LossWeights", "arnet_loss", "bokehme_loss", "iunet_loss", "measured_error"]

@@ -42,6 +42,7 @@ ORACLES = {
     "spread_pixel_layers": "spread.test_layered_spreading."
     "test_pixel_layers_are_sorted_by_the_surface_of_the_pixel",
     "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
+    "profile_spreading": "test_oracles.test_profile_spreading_mixes_the_ring_means_of_two_blurs",
     "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
     "bokehme_scatter": "spread.test_spreading.test_the_published_scatter_is_its_double_loop",
     "bokehme": "spread.test_bokehme.test_numpy_torch_and_onnx_agree",
@@ -91,7 +92,7 @@ def test_what_a_method_does_not_know_is_refused(name):
         getattr(baselines, name),
         LensResponse(chromatic_aberration=ChromaticAberration(axial=1)),
     )
-    if name != "lens_spreading":
+    if name not in ("lens_spreading", "profile_spreading"):
         with pytest.raises(ParameterError, match=r"^engine: expected one that supports aberrations"):
             Engine(name).render(image, defocus, options=RenderOptions(lens_response=fringes))
     with pytest.raises(ParameterError, match=r"^max_memory: expected None"):

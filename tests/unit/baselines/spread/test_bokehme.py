@@ -94,5 +94,5 @@ def test_highlights_are_raised_only_where_they_are_blurred():
 
 
 def test_a_gamma_out_of_range_is_refused():
-    with pytest.raises(ParameterError, match="^gamma: expected "):
+    with pytest.raises(ParameterError, match=r"^gamma: expected "):
         module.bokehme(np.ones((8, 8, 3), np.float32), np.zeros((8, 8), np.float32), gamma=0.5)

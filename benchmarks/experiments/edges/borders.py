@@ -1,4 +1,4 @@
-"""Quality along the border of path-traced scenes: ``python -m benchmarks.quality.borders FOLDER``.
+"""Quality along the border of path-traced scenes: ``python -m benchmarks.experiments.edges.borders FOLDER``.
 
 For each engine: PSNR in dB of the clipped sRGB picture in the band along the border, as the engine is, and of
 the engine on pictures that are continued by repeated or mirrored pixels, or not at all (``inside``, by the
