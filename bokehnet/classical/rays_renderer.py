@@ -34,7 +34,7 @@ from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.resolution_levels import levels_halo, march_levels
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.scatter_renderer import scatter, scatter_beyond
+from bokehnet.classical.scatter_renderer import scatter_beyond, scatter_inside
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, pupil_points
@@ -48,7 +48,7 @@ class Device(NamedTuple):
     """Functions that scatter and march on a device.
 
     Attributes:
-        scatter: Same signature as :func:`bokehnet.classical.scatter_renderer.scatter`.
+        scatter: Same signature as :func:`bokehnet.classical.scatter_renderer.scatter_inside`.
         march: Kernel that sends rays, see ``send`` of
             :func:`bokehnet.classical.layered.march.ray_marching.march`; ``None`` for the kernel on the CPU.
     """
@@ -57,7 +57,7 @@ class Device(NamedTuple):
     march: Callable[..., None] | None
 
 
-CPU = Device(scatter, None)
+CPU = Device(scatter_inside, None)
 
 # Rays per pixel where no window of pixels is averaged. Rays through an aberrated lens cost more, and
 # noise-free bundles serve the areas away from depth edges; with dispersion one ray counts as three.
