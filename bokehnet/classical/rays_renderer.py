@@ -346,6 +346,7 @@ def _render_layers(
             job.pixel_filter,
             job.known,
             lambda fraction: report(1, fraction),
+            rays_mask,
         )
     else:
         stack, mixed = job.layers, None
