@@ -63,6 +63,7 @@ lens_spreading    spread.lens_tables            any       thesis 001
 profile_spreading spread.profile_spreading      disc      Jeong 2022
 image_rays        rays.image_based_rays         any       Lee 2010
 bokehme_scatter   spread.bokehme                disc      Peng 2022
+bokehme           spread.bokehme                disc      Peng 2022
 """
 
 # Baselines that support lens aberrations.
@@ -89,6 +90,7 @@ _FAULTS = {
     "profile_spreading": f"no cat's-eye, coma or lateral colour: the axis everywhere; {_ORDER_FAULT}",
     "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
     "bokehme_scatter": _ORDER_FAULT,
+    "bokehme": "its networks invent what is behind foregrounds; large blur is smooth at edges",
 }
 
 

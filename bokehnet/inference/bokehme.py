@@ -45,7 +45,7 @@ GAMMA_RANGE = (1.0, 5.0)
 # Exponent between the encoded pictures of the paper and scene-linear light.
 DISPLAY_GAMMA = 2.2
 
-# Distance in pixels by which a disc may miss a pixel's centre: the largest radius is a whole number of pixels.
+# Distance in pixels by which a disc may miss a pixel's centre: the largest radius is a whole number.
 _TIE_PX = 0.01
 
 # Blur radii in pixels between which the refined picture fades out, around ``UNIT_PX``.

@@ -83,10 +83,11 @@ def _render(
     g: Graph, networks: tuple[onnx.ModelProto, onnx.ModelProto], image: Value, defocus: Value, gamma: Value
 ) -> tuple[Value, Value]:
     """Return picture (3, H, W) and error map (1, H, W) of the networks, as ``render_bokehme``."""
-    full = tuple(defocus.size(axis) + defocus.size(axis) % 2 for axis in (1, 2))
+    full = (defocus.size(1) + defocus.size(1) % 2, defocus.size(2) + defocus.size(2) % 2)
     image, defocus = _resize(g, image, full), _resize(g, defocus, full)
     factor = g.maximum(abs(defocus).max() / UNIT_PX, 1)
-    size = tuple(_even(g, side.astype(np.float32) / factor) for side in full)
+    rows, columns = (_even(g, side.astype(np.float32) / factor) for side in full)
+    size = (rows, columns)
     small, small_defocus = _resize(g, image, size), _resize(g, defocus, size) / factor
     coarse, error_map = _run(g, networks[0], image=small, defocus=small_defocus, gamma=gamma)
     dilated = _dilated(g, small_defocus)

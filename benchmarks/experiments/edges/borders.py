@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.quality.cycles import read_shots, scene_folders, whole_engine
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside
 from bokehnet.engine_registry import ENGINES
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.optics.aperture import Aperture
@@ -76,7 +76,7 @@ def main() -> None:
             "mirrored": _continued(own, "symmetric"),
         }
         if name == "scatter":
-            rules["inside"] = scatter
+            rules["inside"] = scatter_inside
         for rule, render in rules.items():
             psnr = np.mean([_band_psnr(render, shot) for shot in shots])
             light, energy = _line_and_lamp(render)
