@@ -64,10 +64,11 @@ def disc_error(gain: Tensor, batch: dict[str, Tensor]) -> Tensor:
 
 
 def light_loss(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the loss of a batch and its terms.
+    """Return the loss of a batch of pictures with some regions each, and its terms.
 
     Examples are drawn by the area of a disc, so the loss is the mean error of discs over their pixels.
     """
+    batch = {name: x.flatten(0, 1) for name, x in batch.items()}
     log_gain, probability = network(batch["features"])
     true = (batch["true"] / batch["stored"]).log2()
     area = (batch["area"].sqrt()[:, None] + np.sqrt(np.pi) * torch.tensor(_RADII_PX)).square()

@@ -106,7 +106,7 @@ def main() -> None:
         runs = [json.loads(path.read_text(encoding="utf-8")) for path in arguments.table]
         print(table(merged(runs), METHODS))
         if arguments.figures:
-            write_tables(arguments.figures, merged(runs), METHODS)
+            write_tables(arguments.figures, merged(runs), METHODS, arguments.shots)
         return
     methods = {name: render_with(name) for name in arguments.engine or METHODS}
     everything = not (arguments.faults or arguments.costs)
@@ -125,7 +125,7 @@ def main() -> None:
             figures["scenes"][name] = print_scene(folder, methods, arguments.shots)
         print(f"\n{table(figures, METHODS)}")
         if arguments.figures:
-            write_tables(arguments.figures, figures, METHODS)
+            write_tables(arguments.figures, figures, METHODS, arguments.shots)
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
 

@@ -231,7 +231,7 @@ class VideoJob:
             rendered=len(indices),
             plan=shot.plan,
             steady=shot.steady is not None,
-            notes=tuple(reports[0].notes) if reports else (),
+            notes=(*self.info.notes, *(reports[0].notes if reports else ())),
             assumptions=tuple(reports[0].assumptions) if reports else (),
         )
 

@@ -9,7 +9,6 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from bokehnet.config import load_config
 from bokehnet.errors import DataFileError
 from bokehnet.io.files.atomic import write_atomic
 from train.data.light_regions import measured_regions
@@ -20,6 +19,9 @@ __all__ = ["LightDataConfig", "LightExamples", "LightScenesConfig", "held_out_re
 # Quantisation of the brightness of an 8x8 block at quality 50 (ITU-T T.81, table K.1), first column and row:
 # steps grow with the frequency. Their sum approximates the table to a third.
 _STEPS_50 = np.add.outer(*[np.array([8, 7, 8, 10, 14, 20, 28, 33]) * 1.0] * 2)
+
+# Number of regions that an example holds, all of one picture.
+_REGIONS = 16
 
 # Radius at which regions are sampled by the area of their discs, pixels.
 _SAMPLING_RADIUS_PX = 12.0
@@ -49,13 +51,13 @@ class LightDataConfig:
     Attributes:
         folder: Set for training, made by ``train.prepare_light``.
         validation: Set for validation, of another seed.
-        batch_size: Regions per step.
+        batch_size: Pictures per step, each with 16 of its regions.
         workers: Loader processes; 0 loads in the training process.
     """
 
     folder: str
     validation: str
-    batch_size: int = 256
+    batch_size: int = 16
     workers: int = 0
 
 
@@ -138,7 +140,7 @@ def _jpeg(codes: np.ndarray, quality: int) -> np.ndarray:
 
 
 class LightExamples:
-    """Source of regions: a random picture, and one of its regions by the area of its disc.
+    """Source of regions: a random picture, and some of its regions by the area of their discs.
 
     Args:
         folder: Set made by ``train.prepare_light``.
@@ -165,23 +167,15 @@ class LightExamples:
         self._weight = radius.astype(np.float64) ** 2
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Draw one region."""
+        """Draw some regions of one picture, (_REGIONS, ...)."""
         picture = int(rng.integers(len(self._first) - 1))
         first, last = self._first[picture], self._first[picture + 1]
         sums = np.cumsum(self._weight[first:last])
-        row = first + int(np.searchsorted(sums, rng.random() * sums[-1]))
-        return {
-            name: torch.from_numpy(column[row : row + 1][0:1]).squeeze(0)
-            for name, column in self.columns.items()
-        }
+        rows = first + np.searchsorted(sums, rng.random(_REGIONS) * sums[-1])
+        return {name: torch.from_numpy(column[rows]) for name, column in self.columns.items()}
 
 
 def held_out_regions(folder: str) -> tuple[dict[str, Tensor], np.ndarray]:
     """Return all regions of a set, and whether each is of a scene with light, (regions,)."""
     examples = LightExamples(folder)
     return {name: torch.from_numpy(column) for name, column in examples.columns.items()}, examples.is_light
-
-
-def scenes_config(path: Path) -> LightScenesConfig:
-    """Read the configuration of a set."""
-    return load_config(path, LightScenesConfig)

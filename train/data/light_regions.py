@@ -1,6 +1,8 @@
 """Regions with clipped pixels, their features for LightNet, and their light before and after recovery."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +12,12 @@ from bokehnet.light.components import Components
 from bokehnet.light.config import DEFAULT_CONFIG
 from bokehnet.light.recovery import estimated_light, picture_of
 from bokehnet.light.regions import LightRegions, light_regions
+from bokehnet.onnx_session import OnnxSession
 
-__all__ = ["MeasuredRegions", "measured_regions", "with_gains"]
+__all__ = ["MeasuredRegions", "Network", "learned_sums", "measured_regions", "open_network"]
+
+# Function from features (regions, FEATURES) to the binary logarithm of gains (regions, 3).
+Network = Callable[[Array], Array]
 
 # Distances from the edge of the clipped pixels at which the light around them is measured, pixels.
 _STEPS_PX = (1, 2, 3, 4, 6, 8, 12, 16)
@@ -69,16 +75,31 @@ def measured_regions(image: Array, nearness: Array | None) -> MeasuredRegions | 
     )
 
 
-def with_gains(image: Array, measured: MeasuredRegions, log_gain: Array) -> Array:
-    """Return a picture whose regions have a gain on the sums of their light.
+def learned_sums(image: Array, nearness: Array | None, network: Network) -> Floats | None:
+    """Return the sums of light of the regions of a picture according to LightNet, relative to the clip level.
+
+    They are those of :attr:`bokehnet.scene.scene.Scene.light_sums`; None if nothing is clipped light.
 
     Args:
-        image: Scene-linear picture, (H, W, 3).
-        measured: Its regions.
-        log_gain: Binary logarithm of the gain, (regions, 3).
+        image: Scene-linear picture, (H, W, 3), decoded from display-referred values of 0 to 1.
+        nearness: Map in which near is large, (H, W).
+        network: Function from features (regions, FEATURES) to logarithmic gains (regions, 3).
     """
-    sums = measured.stored * np.exp2(log_gain.astype(np.float64))
-    return measured.regions.with_sums(image, measured.recovered, sums)
+    measured = measured_regions(image, nearness)
+    if measured is None:
+        return None
+    return measured.stored * np.exp2(network(measured.features).astype(np.float64))
+
+
+def open_network(path: Path) -> Network:
+    """Open an exported LightNet."""
+    session = OnnxSession(str(path))
+
+    def log_gain(features: Array) -> Array:
+        rows = np.concatenate([features, features[:1]])  # the export needs two regions
+        return np.asarray(session.run({"features": rows})[0][:-1])
+
+    return log_gain
 
 
 def _profile(picture: BrightPicture, pixels: Components) -> tuple[Floats, Floats]:

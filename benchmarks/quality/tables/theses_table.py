@@ -66,7 +66,7 @@ def table(figures: Figures, methods: tuple[str, ...]) -> str:
     return "\n".join(lines)
 
 
-def write_tables(folder: Path, figures: Figures, methods: tuple[str, ...]) -> None:
+def write_tables(folder: Path, figures: Figures, methods: tuple[str, ...], shots: int | None) -> None:
     """Write ``theses_scenes.json`` and ``theses_faults.json`` with all methods that have every figure."""
     scenes, costs, faults = (figures[part] for part in ("scenes", "costs", "faults"))
     columns = {name: (name.split("_", 1)[1].replace("_", " "), ".2f") for name in scenes}
@@ -77,7 +77,7 @@ def write_tables(folder: Path, figures: Figures, methods: tuple[str, ...]) -> No
             scores = [scene[method] for scene in scenes.values()]
             means = {key: float(np.mean([row[key] for row in scores])) for key in ("edge", "psnr", "flip")}
             rows[method] = {name: scene[method]["edge"] for name, scene in scenes.items()} | means
-    conditions = "means over five shots each, clipped sRGB; PSNR in dB, of a scene at depth steps"
+    conditions = f"means over {shots or 5} shots each, clipped sRGB; PSNR in dB, of a scene at depth steps"
     write_figures(folder / "theses_scenes.json", _COMMAND, conditions, columns, rows)
 
     columns = {"seconds": ("processor seconds", ".2f"), "memory": ("bytes per pixel", ".0f")}

@@ -180,8 +180,9 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
+    sums = None if scene.light_sums is None else array_digest(scene.light_sums)
     light = cache.get(
-        ("light", *key, settings.highlights.threshold, settings.highlights.strength),
+        ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
         lambda: recovered_light(scene, final.values, settings.highlights, bars),
         lambda light: light.image if light.fraction else np.zeros(0),
     )
