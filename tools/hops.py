@@ -13,7 +13,7 @@ A file is counted if one of its functions
 Functions that only check or report the value are not counted, nor are other threads. The list begins with the
 command line on the stack, continues with the files that returned the value in the order of the first return,
 and ends with the rest of the stack and the kernel. Rooms are the folders of the package; a room is re-entered
-if another room lies between two of its files.
+if a file between two of its files ran outside it, that is, without a function of the room on the stack.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import dataclasses
 import io
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -55,20 +55,33 @@ _MAX_DEPTH, _MAX_ITEMS = 6, 64
 
 @dataclasses.dataclass(frozen=True)
 class Way:
-    """Files of an option, relative to the package, from the command line to the kernel."""
+    """Way of an option from the command line to the kernel.
+
+    Attributes:
+        files: Files, relative to the package, in order.
+        callers: Rooms on the stack when each file returned the value, or received it last.
+    """
 
     files: list[str]
+    callers: list[frozenset[str]]
 
     @property
     def rooms(self) -> list[str]:
         """Rooms in order; a room appears again where the way re-enters it."""
-        return [room for room, _ in groupby(self.files, key=lambda file: file.split("/")[0])]
+        return [room for room, _ in groupby(self.files, key=_room_of)]
 
     @property
     def re_entered(self) -> list[str]:
-        """Rooms that appear more than once."""
-        rooms = self.rooms
-        return sorted({room for room in rooms if rooms.count(room) > 1})
+        """Rooms that the way leaves, and enters again."""
+        left: set[str] = set()
+        seen: set[str] = set()
+        again = set()
+        for file, callers in zip(self.files, self.callers, strict=True):
+            inside = callers | {_room_of(file)}
+            again |= inside & left
+            seen.add(_room_of(file))
+            left = (left | seen) - inside
+        return sorted(again)
 
 
 class _KernelReached(BaseException):
@@ -80,13 +93,13 @@ class _Recorder:
 
     def __init__(self, option: str) -> None:
         self._option, self._values = option, VALUES[option]
-        self._returned: dict[str, None] = {}  # ordered set of files
+        self._returned: dict[str, frozenset[str]] = {}  # callers' rooms by file, in order
         self._received: dict[int, tuple[list[Any], bool]] = {}
-        self.files: list[str] | None = None
+        self.way: Way | None = None
 
     def __call__(self, frame: FrameType, event: str, result: Any) -> None:
         """Record one call or return of a function of the package."""
-        if self.files is not None or event not in ("call", "return"):
+        if self.way is not None or event not in ("call", "return"):
             return
         file = _file_of(frame.f_code)
         if file is None or frame.f_code.co_name.startswith("<"):  # comprehensions belong to their function
@@ -103,23 +116,20 @@ class _Recorder:
         values, holds = self._received.pop(id(frame), ([], False))
         results = result if type(result) is tuple else (result,)
         new = [one for one in results if not any(one is value for value in values)]
-        if holds and self._holds(new, ""):
-            self._returned.setdefault(file)
+        if holds and self._holds(new, "") and file not in self._returned:
+            self._returned[file] = _rooms_of(_stack(frame.f_back))
 
     def _reach(self, frame: FrameType, module: str) -> None:
         """End the recording if a function of ``module`` is or belongs to a classical kernel."""
-        stack = []
-        current: FrameType | None = frame.f_back
-        while current is not None:
-            if (file := _file_of(current.f_code)) is not None:
-                stack.insert(0, file)
-            current = current.f_back
+        stack = _stack(frame.f_back)
         own = module.removeprefix("bokehnet.").replace(".", "/") + ".py"
         if not any(file.startswith("classical/") for file in (own, *stack)):
             return
         outer = next((i for i, file in enumerate(stack) if not file.startswith("cli/")), len(stack))
-        before = [file for file in self._returned if file not in stack]
-        self.files = list(dict.fromkeys([*stack[:outer], *before, *stack[outer:], own]))
+        files = dict.fromkeys(stack[:outer], _rooms_of(stack[:outer]))
+        files |= {file: rooms for file, rooms in self._returned.items() if file not in stack}
+        files |= dict.fromkeys([*stack[outer:], own], _rooms_of(stack))
+        self.way = Way([*files], [*files.values()])
         raise _KernelReached
 
     def _holds(self, value: Any, name: str, depth: int = 0) -> bool:
@@ -165,6 +175,24 @@ def _file_of(code: CodeType) -> str | None:
     return str(path.relative_to(PACKAGE)) if path.is_relative_to(PACKAGE) else None
 
 
+def _stack(frame: FrameType | None) -> list[str]:
+    """Return the files of the package on the stack, the outermost first."""
+    stack: list[str] = []
+    while frame is not None:
+        if (file := _file_of(frame.f_code)) is not None:
+            stack.insert(0, file)
+        frame = frame.f_back
+    return stack
+
+
+def _room_of(file: str) -> str:
+    return file.split("/")[0]
+
+
+def _rooms_of(files: Iterable[str]) -> frozenset[str]:
+    return frozenset(map(_room_of, files))
+
+
 def way_of(option: str) -> Way:
     """Return the way of ``blur``, ``focus``, ``disparity`` or ``blades`` through one render by rays.
 
@@ -208,9 +236,9 @@ def way_of(option: str) -> Way:
             pass
         finally:
             sys.setprofile(None)
-    if recorder.files is None:
+    if recorder.way is None:
         raise RuntimeError(f"no kernel received {option}: {stderr.getvalue()}")
-    return Way(recorder.files)
+    return recorder.way
 
 
 def main() -> None:

@@ -3,6 +3,8 @@
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 ``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
+``python -m train.export --light runs/light/last.pt --out runs/light/onnx``
+``python -m train.export --bokehme-arnet LAST.pt --bokehme-iunet LAST.pt --out bokehnet/weights/bokehme``
 """
 
 import argparse
@@ -20,7 +22,17 @@ from train.data.prepared import DESCRIPTION, check_features
 
 __all__ = ["main"]
 
-_NETWORKS = ("arnet", "iunet", "repair", "error")
+_NETWORKS = ("arnet", "iunet", "repair", "error", "light", "bokehme_arnet", "bokehme_iunet")
+
+# Sets of networks that one export can hold.
+_SETS = (
+    ["arnet"],
+    ["arnet", "iunet"],
+    ["repair"],
+    ["error"],
+    ["light"],
+    ["bokehme_arnet", "bokehme_iunet"],
+)
 
 
 def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
@@ -48,7 +60,8 @@ def main(words: Sequence[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     for name in _NETWORKS:
-        parser.add_argument(f"--{name}", type=Path)
+        option = name.replace("_", "-")
+        parser.add_argument(f"--{option}", type=Path)
     parser.add_argument(
         "--max-valid-radius",
         "--trusted-radius",  # name in earlier versions
@@ -58,8 +71,11 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args(words)
     names = [name for name in _NETWORKS if getattr(arguments, name)]
-    if names != ["arnet", "iunet"] and (len(names) != 1 or names == ["iunet"]):
-        parser.error("expected --arnet, with or without --iunet, or one of --repair and --error")
+    if names not in _SETS:
+        parser.error(
+            "expected --arnet, with or without --iunet, one of --repair, --error and --light, or both of "
+            "--bokehme-arnet and --bokehme-iunet"
+        )
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in names}
         notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}

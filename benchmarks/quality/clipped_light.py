@@ -1,10 +1,11 @@
 """Recovery of clipped light on traced scenes: ``python -m benchmarks.quality.clipped_light``.
 
-Scenes of :mod:`benchmarks.quality.scenes.light_scenes` are stored by cameras in 8 bits and rendered by the
+Scenes of :mod:`train.data.light_scenes` are stored by cameras in 8 bits and rendered by the
 rays, with and without recovery. The truth is traced through the lens and stored by the same camera. ``gap
 closed`` is the gain in dB relative to that of a picture with its true light. Matter should gain and lose
 nothing.
-``--ablate`` switches parts of the recovery off; ``--figures FOLDER`` writes ``clipped_light.json`` there.
+``--network FILE`` adds a column with the light of an exported LightNet; ``--ablate`` switches parts of the
+recovery off; ``--figures FOLDER`` writes ``clipped_light.json`` there.
 """
 
 import argparse
@@ -15,7 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.scenes.light_scenes import (
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
+from bokehnet.light.recovery import recover_light
+from bokehnet.light.temporal import steady_light
+from bokehnet.optics.coc import defocus_from_disparity
+from train.data.light_regions import learned_sums, open_network
+from train.data.light_scenes import (
     CAMERAS,
     LIGHT,
     MATTER,
@@ -24,10 +31,6 @@ from benchmarks.quality.scenes.light_scenes import (
     cases,
     decoded,
 )
-from bokehnet.classical.rays_renderer import rays
-from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
-from bokehnet.light.recovery import recover_light
-from bokehnet.optics.coc import defocus_from_disparity
 from train.scores.metrics import psnr
 
 Recovery = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -73,18 +76,32 @@ def _recovery(config: LightConfig) -> Recovery:
     return lambda image, disparity: recover_light(image, disparity, 1.0, config).image
 
 
+def _learned(path: Path) -> Recovery:
+    network = open_network(path)
+
+    def recover(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+        sums = learned_sums(image, disparity, network)
+        return image if sums is None else steady_light(image, disparity, sums).image
+
+    return recover
+
+
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=4, help="scenes of each kind")
     parser.add_argument("--kinds", nargs="+", default=[*LIGHT, *MATTER], choices=[*LIGHT, *MATTER])
     parser.add_argument("--ablate", action="store_true")
+    parser.add_argument("--network", type=Path, metavar="FILE", help="ONNX file of a LightNet")
     parser.add_argument("--figures", type=Path, metavar="FOLDER")
     arguments = parser.parse_args()
     names = ["fixed gain 8", *(_WITHOUT if arguments.ablate else ["recovered"])]
     parts = _WITHOUT.values() if arguments.ablate else [{}]
     recoveries: list[Recovery] = [lambda image, _: prototype(image)]
     recoveries += [_recovery(replace(DEFAULT_CONFIG, **part)) for part in parts]
+    if arguments.network is not None:
+        names.append("network")
+        recoveries.append(_learned(arguments.network))
     print(" | ".join(["kind | camera | off", *names, "true light | gap closed | worst"]))
     print(" | ".join(["---"] * (len(names) + 6)))
     figures = {}
@@ -101,6 +118,7 @@ def main() -> None:
             print(f"{kind} | {camera_name} | {means} | {closed} | {(recovered - off).min():+.2f}", flush=True)
     if arguments.figures is not None:
         ablated = " --ablate" if arguments.ablate else ""
+        ablated += " --network FILE" if arguments.network is not None else ""
         kinds = " ".join(arguments.kinds)
         options = f"{ablated} --seeds {arguments.seeds} --kinds {kinds}"
         write_figures(

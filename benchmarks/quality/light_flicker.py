@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
-from benchmarks.quality.scenes.light_scenes import CameraCurve, decoded
 from bokehnet.light.recovery import recover_light
+from bokehnet.light.temporal import measure_frame, steady_light, steady_sums
+from train.data.light_scenes import CameraCurve, decoded
 
 _HEIGHT, _WIDTH, _FRAMES, _REACH = 160, 240, 24, 16
 _STEP_PX = 0.37
@@ -43,15 +44,35 @@ def frames(kind: str, seed: int) -> Iterator[tuple[np.ndarray, list[tuple[int, i
         yield gain * light, [(row, round(column + shift)) for row, column, *_ in _LAMPS]
 
 
-def flicker(kind: str, seed: int, render: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
+Render = Callable[[list[np.ndarray]], list[np.ndarray]]
+
+
+def flicker(kind: str, seed: int, render: Render) -> tuple[float, float]:
     """Return flicker in percent and the mean ratio of rendered to true flux."""
+    shot = list(frames(kind, seed))
+    rendered = render([decoded(CameraCurve().store(light)) for light, _ in shot])
     ratios = []
-    for light, places in frames(kind, seed):
-        result = render(decoded(CameraCurve().store(light)))
+    for (light, places), result in zip(shot, rendered, strict=True):
         around = [np.s_[r - _REACH : r + _REACH, c - _REACH : c + _REACH] for r, c in places]
         ratios.append([result[box].sum() / light[box].sum() for box in around])
     logs = np.log(ratios)
     return 100 * float(np.sqrt((np.diff(logs, axis=0) ** 2).mean())), float(np.exp(logs.mean()))
+
+
+def _single(images: list[np.ndarray]) -> list[np.ndarray]:
+    return [recover_light(image).image for image in images]
+
+
+def _shot(images: list[np.ndarray]) -> list[np.ndarray]:
+    lights = {number: measure_frame(image, None) for number, image in enumerate(images)}
+    sums = steady_sums(lights, lights)
+    return [
+        steady_light(image, None, sums[number]).image if number in sums else image
+        for number, image in enumerate(images)
+    ]
+
+
+_RENDERS: dict[str, Render] = {"off": lambda images: images, "each frame by itself": _single, "auto": _shot}
 
 
 def main() -> None:
@@ -62,10 +83,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = {}
     for kind in _KINDS:
-        for name, render in (
-            ("off", lambda image: image),
-            ("auto", lambda image: recover_light(image).image),
-        ):
+        for name, render in _RENDERS.items():
             values = [flicker(kind, seed, render) for seed in range(arguments.seeds)]
             change, level = np.mean(values, axis=0)
             rows[f"{kind}, {name}"] = {"flicker": change, "level": level}

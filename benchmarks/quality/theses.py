@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.experiments.edges.pan import flicker, pan
-from benchmarks.measurement import extra_memory, median_seconds, scene
+from benchmarks.measurement import extra_memory, scene
 from benchmarks.quality.scenes.fault_probes import FAULTS, faults
-from benchmarks.quality.tables.theses_table import Figures, merged, table
+from benchmarks.quality.tables.theses_table import Figures, merged, table, write_tables
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.engines.engine import Engine
@@ -93,6 +93,7 @@ def main() -> None:
     parser.add_argument("--engine", action="append", choices=METHODS, help="default: all")
     parser.add_argument("--shots", type=int, default=None, help="maximum number of shots per scene")
     parser.add_argument("--json", type=Path, help="save the figures to this file")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="write the tables of the docs here")
     parser.add_argument("--table", type=Path, nargs="+", metavar="JSON", help="print saved figures")
     parser.add_argument("--faults", action="store_true", help="only faults")
     parser.add_argument("--costs", action="store_true", help="only time, memory and flicker")
@@ -104,6 +105,8 @@ def main() -> None:
     if arguments.table:
         runs = [json.loads(path.read_text(encoding="utf-8")) for path in arguments.table]
         print(table(merged(runs), METHODS))
+        if arguments.figures:
+            write_tables(arguments.figures, merged(runs), METHODS, arguments.shots)
         return
     methods = {name: render_with(name) for name in arguments.engine or METHODS}
     everything = not (arguments.faults or arguments.costs)
@@ -121,6 +124,8 @@ def main() -> None:
                 continue
             figures["scenes"][name] = print_scene(folder, methods, arguments.shots)
         print(f"\n{table(figures, METHODS)}")
+        if arguments.figures:
+            write_tables(arguments.figures, figures, METHODS, arguments.shots)
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
 
@@ -139,11 +144,11 @@ def print_faults(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
 
 
 def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
-    """Print seconds, extra memory in bytes per pixel and flicker, and return the values."""
+    """Print processor seconds, extra memory in bytes per pixel and flicker, and return the values."""
     image, defocus = scene(512, 384, 16.0)
     frames = pan()
     middle = [(frame.truths[0] + frame.truths[1]) / 2 for frame in frames]
-    print("\nSeconds and memory at 512x384, discs up to 16 px; bytes a pixel; flicker, per cent of white")
+    print("\nProcessor seconds, bytes a pixel and flicker in per cent of white; 512x384, discs up to 16 px")
     print(f"{'method':18s}{'seconds':>9s}{'memory':>9s}{'flicker':>9s}")
     figures = {}
     for name, method in methods.items():
@@ -155,7 +160,7 @@ def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
         memory = extra_memory(run)
         pictures = [method(frame.image, frame.defocus, Aperture()) for frame in frames]
         cost = {
-            "seconds": median_seconds(run, 3),
+            "seconds": _processor_seconds(run),
             "memory": max(memory, 0) / defocus.size,
             "flicker": flicker(pictures, middle),
         }
@@ -190,15 +195,20 @@ def _print_scores(title: str, means: dict[str, dict[str, float]]) -> None:
         print(f"{name:18s}{numbers}", flush=True)
 
 
-def _user_seconds(function: Callable[..., np.ndarray], *arrays: np.ndarray, **options: float) -> float:
-    """Return the minimum of two runs, after a warm-up run on a corner."""
-    function(*(array[:64, :64] for array in arrays), **options)
+def _processor_seconds(run: Callable[[], np.ndarray]) -> float:
+    """Return the minimum processor time of two runs."""
     seconds = []
     for _ in range(2):
         start = time.process_time()
-        function(*arrays, **options)
+        run()
         seconds.append(time.process_time() - start)
     return min(seconds)
+
+
+def _user_seconds(function: Callable[..., np.ndarray], *arrays: np.ndarray, **options: float) -> float:
+    """Return the minimum processor time of two runs, after a warm-up run on a corner."""
+    function(*(array[:64, :64] for array in arrays), **options)
+    return _processor_seconds(lambda: function(*arrays, **options))
 
 
 def print_timings() -> None:

@@ -2,7 +2,8 @@
 
 Commands run one after the other, each in its own process, with one numba cache that is initially empty: each
 compiles what earlier commands have not. ``--compile`` compiles all kernels with numba, as on machines without
-precompiled kernels. The last line is the size of the installed packages.
+precompiled kernels. The last line is the size of the installed packages. ``--figures`` writes the table
+of the documentation: processor seconds, which other load changes little.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 import bokehnet
+from benchmarks.figures import write_figures
 from bokehnet.precompiled.library import OFF
 
 _ASSETS = Path(bokehnet.__file__).parent / "assets"
@@ -61,6 +63,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--compile", action="store_true", help="compile all kernels with numba")
+    parser.add_argument("--figures", type=Path, metavar="FILE", help="write the figures to this JSON file")
     parser.add_argument("names", nargs="*", help=f"some of {', '.join(COMMANDS)}; default: all")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -70,14 +73,20 @@ def main() -> None:
         environment[OFF] = str(int(arguments.compile))
         print("| command | first run, s | CPU, s | compiled | second run, s | CPU, s |")
         print("|---|---|---|---|---|---|")
-        compiled = 0
+        compiled, rows = 0, {}
         for command in arguments.names or COMMANDS:
             first = measure(COMMANDS[command], environment, folder)
             total = len(list(folder.rglob("*.nbc")))
             second = measure(COMMANDS[command], environment, folder)
             new, compiled = total - compiled, total
+            rows[command] = {"cpu": first[1], "compiled": new}
             seconds = [f"{value:.1f}" for value in (*first, *second)]
             print(f"| {command} | {' | '.join([*seconds[:2], str(new), *seconds[2:]])} |", flush=True)
+    if arguments.figures:
+        columns = {"cpu": ("user CPU, s", ".1f"), "compiled": ("kernels compiled", ".0f")}
+        line = "python -m benchmarks.speed.first_picture --figures docs/figures/first_picture.json"
+        conditions = "first run of each command, machine code, empty numba cache; a machine with other load"
+        write_figures(arguments.figures, line, conditions, columns, rows)
     sizes = {package: megabytes(package) for package in _PACKAGES}
     print("\nMB: " + ", ".join(f"{package} {size:.1f}" for package, size in sizes.items()))
 

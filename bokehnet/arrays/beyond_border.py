@@ -2,9 +2,10 @@
 
 The border pixel is repeated. On path-traced pictures, in the band of 32 pixels along the border, this is
 0.8 dB better for the scatter than dividing by the part of the disc inside, and 0.6 dB better than mirroring
-(``python -m benchmarks.quality.borders FOLDER``). Where the border pixel differs from the pixels next to it,
-as a line along a whole side or a lamp does, repeating it would multiply its light by the radius of the blur:
-there the nearest pixels are mirrored, and the median of the pixels along the normal of the border follows.
+(``python -m benchmarks.experiments.edges.borders FOLDER``). Where the border pixel differs from the pixels
+next to it, as a line along a whole side or a lamp does, repeating it would multiply its light by the radius
+of the blur: there the nearest pixels are mirrored, and the median of the pixels along the normal of the
+border follows.
 """
 
 import numpy as np

@@ -60,12 +60,14 @@ hybrid_spreading  spread.spreading              any       Kosloff 2010
 spread_intervals  spread.layered_spreading      any       Kosloff 2009
 spread_pixel_layers spread.layered_spreading    any       Lee 2008
 lens_spreading    spread.lens_tables            any       thesis 001
+profile_spreading spread.profile_spreading      disc      Jeong 2022
 image_rays        rays.image_based_rays         any       Lee 2010
 bokehme_scatter   spread.bokehme                disc      Peng 2022
+bokehme           spread.bokehme                disc      Peng 2022
 """
 
 # Baselines that support lens aberrations.
-_WITH_LENS_RESPONSE = ("lens_spreading",)
+_WITH_LENS_RESPONSE = ("lens_spreading", "profile_spreading")
 
 _FAULTS = {
     "gather_basic": f"noise; sharp surroundings bleed into the blur; {_LEAK_FAULT}",
@@ -85,8 +87,10 @@ _FAULTS = {
     "spread_intervals": "holes behind foregrounds; seams where surfaces cross intervals",
     "spread_pixel_layers": "holes behind foregrounds; all surfaces on one side of a pixel mix",
     "lens_spreading": f"slow; {_ORDER_FAULT}",
+    "profile_spreading": f"no cat's-eye, coma or lateral colour: the axis everywhere; {_ORDER_FAULT}",
     "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
     "bokehme_scatter": _ORDER_FAULT,
+    "bokehme": "its networks invent what is behind foregrounds; large blur is smooth at edges",
 }
 
 

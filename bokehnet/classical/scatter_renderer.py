@@ -28,7 +28,7 @@ from bokehnet.deprecation import renamed_keywords
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["MAX_CONTINUATION", "render_scatter", "scatter", "scatter_beyond"]
+__all__ = ["MAX_CONTINUATION", "render_scatter", "scatter", "scatter_beyond", "scatter_inside"]
 
 # Largest continuation beyond each border as a fraction of the shorter side: discs that reach farther are
 # normalised by the light within, so that a huge blur costs at most four times the pixels and keeps its color.
@@ -59,35 +59,16 @@ def _normalise(sums, image, bokeh):
                 bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
 
 
-@renamed_keywords
-def scatter(
+def scatter_inside(
     image: Picture,
     defocus: npt.NDArray[np.floating[Any]],
     aperture: Aperture | None = None,
     viewport: Viewport | None = None,
 ) -> Picture:
-    """Render bokeh by scattering, without occlusion.
+    """Render the operator of :func:`scatter` alone: outside the picture there is no light.
 
-    Args:
-        image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
-        defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
-        aperture: Shape of the aperture; default: a disc.
-        viewport: Position of the pixels in the shown picture, for a cat's-eye; default: all of it is shown.
-
-    Returns:
-        Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
-        their value. Outside the picture there is no light: the sums are divided by the part of the discs
-        inside, so that borders are not darkened. The engines continue the picture beyond its border first,
-        see :func:`scatter_beyond`.
-
-    Raises:
-        ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
-        ParameterError: NaN or infinity in either.
-
-    Source:
-        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, for the
-        normalised scatter; :mod:`bokehnet.classical.scatter.disc_scatter` describes the discs, and
-        :mod:`bokehnet.classical.scatter.pyramid_levels` the approximation of large ones.
+    The sums are divided by the part of the discs inside, so that borders are not darkened. Arguments, result
+    and errors as for :func:`scatter`.
     """
     light, defocus = check_inputs(image, defocus)
     if max(defocus.max(), -defocus.min()) > LARGEST_RADIUS:
@@ -107,6 +88,41 @@ def scatter(
     return cast(Picture, bokeh)
 
 
+@renamed_keywords
+def scatter(
+    image: Picture,
+    defocus: npt.NDArray[np.floating[Any]],
+    aperture: Aperture | None = None,
+    viewport: Viewport | None = None,
+) -> Picture:
+    """Render bokeh by scattering, without occlusion.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
+        defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+        aperture: Shape of the aperture; default: a disc.
+        viewport: Position of the pixels in the shown picture, for a cat's-eye; default: all of it is shown.
+
+    Returns:
+        Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
+        their value. The picture continues beyond its border as in every engine, see
+        :mod:`bokehnet.arrays.beyond_border`.
+
+    Raises:
+        ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
+        ParameterError: NaN or infinity in either.
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, for the
+        normalised scatter; :mod:`bokehnet.classical.scatter.disc_scatter` describes the discs, and
+        :mod:`bokehnet.classical.scatter.pyramid_levels` the approximation of large ones.
+    """
+    light, radii = check_inputs(image, defocus)
+    reach = math.ceil(max(float(radii.max()), -float(radii.min())))
+    whole = viewport or Viewport.whole(*radii.shape)
+    return cast(Picture, scatter_beyond(light, radii, aperture, reach, None, whole))
+
+
 def scatter_beyond(
     image: np.ndarray,
     defocus: np.ndarray,
@@ -114,7 +130,7 @@ def scatter_beyond(
     reach: int,
     strip: Strip | None,
     viewport: Viewport,
-    scattered: Callable[..., np.ndarray] = scatter,
+    scattered: Callable[..., np.ndarray] = scatter_inside,
 ) -> np.ndarray:
     """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
 
@@ -128,7 +144,7 @@ def scatter_beyond(
         reach: Maximum distance of a pixel's light from it, pixels.
         strip: Position of these rows in their picture; ``None`` for all rows.
         viewport: Position of the arrays in the shown picture.
-        scattered: Function that scatters, as :func:`scatter`.
+        scattered: Function that scatters, as :func:`scatter_inside`.
     """
     height, width = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     reach = min(reach, math.ceil(MAX_CONTINUATION * min(height, width)))
@@ -164,7 +180,7 @@ def render_scatter(
 
     A strip is rendered like any picture: its valid rows are far enough from its ends. The threshold of the
     error map is that of the whole picture. Every pixel counts as one surface; ``known`` is ignored.
-    ``scattered`` replaces :func:`scatter`, for example on another device.
+    ``scattered`` replaces :func:`scatter_inside`, for example on another device.
     """
     check_ideal_except_tilt(options.get("lens_response"), "scatter")
     strip, viewport, progress = options.get("strip"), options.get("viewport"), options.get("progress")
@@ -173,7 +189,7 @@ def render_scatter(
     radius = (
         math.ceil(max(float(defocus.max()), -float(defocus.min()))) if strip is None else strip.max_coc_radius
     )
-    bokeh = scatter_beyond(image, defocus, aperture, radius, strip, viewport, scattered or scatter)
+    bokeh = scatter_beyond(image, defocus, aperture, radius, strip, viewport, scattered or scatter_inside)
     if progress is not None:
         progress(0.9)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

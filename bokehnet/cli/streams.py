@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import faulthandler
+import io
 import os
 import sys
 import threading
@@ -41,6 +42,19 @@ def open_closed_streams() -> None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115  # until the end
 
 
+class _Notices(io.TextIOWrapper):
+    """Stderr of the program; a full disk or a closed pipe behind it loses notices, never the result."""
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            super().flush()
+
+
 class LibraryLines:
     """Count and first one of the lines that libraries printed."""
 
@@ -76,7 +90,13 @@ def library_lines_caught() -> Iterator[LibraryLines]:
     try:
         previous.flush()
         own = os.dup(2)
-        shown = os.fdopen(own, "w", 1, encoding=previous.encoding, errors="backslashreplace")
+        shown = _Notices(
+            os.fdopen(own, "wb", 0),
+            encoding=previous.encoding,
+            errors="backslashreplace",
+            line_buffering=True,
+            write_through=True,
+        )
     except (AttributeError, OSError, ValueError):  # no file behind it
         yield lines
         return

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import prange
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.arrays.pyramid import count_halvings, upsample2
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.engines.small_copy import SmallCopy
 from bokehnet.engines.tiling import refine_in_tiles
-from bokehnet.fusion import fuse
 from bokehnet.inference.coarse_to_fine import (
     apply_change,
     encoded_change,

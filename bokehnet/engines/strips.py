@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,8 +89,8 @@ def cut_strips(
     if classical == "scatter":  # its largest arrays continue beyond both borders
         width += 2 * min(reach, -(-min(height, width) // 2))
     max_rows = max(0, memory - memory_in_use) // (CLASSICAL[classical].bytes_per_pixel * width)
-    rows = height if max_rows >= height else _aligned(max_rows - 2 * halo - ALIGNED)
-    if rows < ALIGNED and rows < height:
+    bounds = _strip_bounds(height, halo, max_rows)
+    if bounds is None:
         min_bytes = min_strip_rows(height, reach, classical) * width * CLASSICAL[classical].bytes_per_pixel
         scope = "in all" if memory_in_use else "beyond the pictures themselves"
         raise ParameterError(
@@ -99,8 +100,7 @@ def cut_strips(
             memory,
             shown=f"{memory / 1e6:.0f} MB",
         )
-    for top in range(0, height, rows):
-        bottom = min(height, top + rows)
+    for top, bottom in pairwise(bounds):
         first = _aligned(max(0, top - halo))
         yield Strip(
             first=first,
@@ -109,6 +109,34 @@ def cut_strips(
             max_coc_radius=max_coc_radius,
             output_rows=slice(top - first, bottom - first),
         )
+
+
+def _strip_bounds(height: int, halo: int, max_rows: int) -> list[int] | None:
+    """Return the first row of each strip and the height, so that all strips read about equally many rows.
+
+    The first and the last strip have one halo only. All bounds but the last are multiples of ``ALIGNED``.
+
+    Args:
+        height: Height of the picture, pixels.
+        halo: Rows that a strip reads beyond its own on either side.
+        max_rows: Maximum number of rows that a strip may read.
+
+    Returns:
+        Bounds; ``None`` if the narrowest strip reads more than ``max_rows``.
+    """
+    if max_rows >= height:
+        return [0, height]
+    inner, first = _aligned(max_rows - 2 * halo - ALIGNED), _aligned(max_rows - halo)
+    if inner < ALIGNED:
+        return None
+    last = max_rows - halo - ALIGNED
+    count = 2 + max(0, -(-(height - first - last) // inner))
+    rows = (height + 2 * halo * (count - 1)) / count  # with halos
+    bounds = [0]
+    while height - max(0, _aligned(bounds[-1] - halo)) > max_rows:
+        own, limit = (rows - halo, first) if len(bounds) == 1 else (rows - 2 * halo, inner)
+        bounds.append(bounds[-1] + min(max(ALIGNED, _aligned(math.ceil(own) + ALIGNED - 1)), limit))
+    return [*bounds, height]
 
 
 class StripAccumulator:

@@ -5,8 +5,8 @@ size of the picture, and applied: detail is that of the classical render. The de
 some places: see :func:`suppress_foreground_outlines`.
 
 The formulas :func:`run_arnet`, :func:`encoded_change`, :func:`apply_change`,
-:func:`suppress_foreground_outlines` and :func:`bokehnet.fusion.fuse` are written once, on operators: for
-training (torch), for inference (NumPy) and for the one file (ONNX graphs).
+:func:`suppress_foreground_outlines` and :func:`bokehnet.arrays.fusion.fuse` are written once, on operators:
+for training (torch), for inference (NumPy) and for the one file (ONNX graphs).
 :func:`render_neural` is the complete algorithm for torch and NumPy. Two variants exist:
 :mod:`bokehnet.engines.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
 be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
@@ -18,9 +18,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.arrays.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 from bokehnet.checks import Array, array_namespace
-from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import decode, encode
 
 __all__ = [

@@ -86,8 +86,7 @@ def _color_around(picture: BrightPicture, bright: Mask, rows: Indices, columns: 
     """Return the colour of unclipped bright pixels around pixels, raised to a power, of mean 1, (N, 3)."""
     shown = bright & (picture.highest < picture.levels.shoulder)
     reach = picture.config.surround_reach * picture.diagonal
-    sums = [cell_sums(shown * picture.image[..., c], reach).at(rows, columns) for c in range(3)]
-    color = np.stack(sums, -1).astype(np.float64) + 1e-3
+    color = cell_sums(picture.image, reach, shown).at(rows, columns).astype(np.float64) + 1e-3
     return np.asarray((color / color.mean(-1, keepdims=True)) ** picture.config.color_power)
 
 

@@ -21,7 +21,7 @@ class CellSums:
     """Sums over squares around square cells of pixels.
 
     Attributes:
-        values: Sums, (rows of cells, columns of cells).
+        values: Sums, (rows of cells, columns of cells, ...).
         step: Side of a cell, pixels.
     """
 
@@ -29,18 +29,32 @@ class CellSums:
     step: int
 
     def at(self, rows: Indices, columns: Indices) -> Array:
-        """Return the sums at pixels, (N,)."""
+        """Return the sums at pixels, (N, ...)."""
         return np.asarray(self.values[rows // self.step, columns // self.step])
 
 
-def cell_sums(layer: npt.NDArray[np.generic], reach: float) -> CellSums:
-    """Return the sums of a layer (H, W) over squares of half-width ``reach`` pixels.
+def cell_sums(
+    layer: npt.NDArray[np.generic], reach: float, mask: npt.NDArray[np.bool_] | None = None
+) -> CellSums:
+    """Return the sums of a layer (H, W, ...) over squares of half-width ``reach`` pixels.
 
-    All pixels of a cell, an eighth of the reach wide, have the same square.
+    All pixels of a cell, an eighth of the reach wide, have the same square. The rows of a cell are added in
+    float32.
+
+    Args:
+        layer: Layer.
+        reach: Half-width of the squares, pixels.
+        mask: Pixels that count, (H, W); None for all.
     """
     step = max(1, round(reach / 8))
-    rows, columns = np.arange(0, layer.shape[0], step), np.arange(0, layer.shape[1], step)
-    sums = np.add.reduceat(np.add.reduceat(layer, rows, 0, dtype=np.float64), columns, 1)
+    starts = np.arange(0, layer.shape[0], step)
+    rows = np.empty((len(starts), *layer.shape[1:]), np.float32)
+    ones = np.ones(layer.shape[:2], np.bool_) if mask is None else mask
+    for row, start in zip(rows, starts, strict=True):
+        block = layer[start : start + step].astype(np.float32, copy=False)
+        weights = ones[start : start + step].astype(np.float32)
+        np.einsum("ij...,ij->j...", block, weights, out=row)
+    sums = np.add.reduceat(rows, np.arange(0, layer.shape[1], step), 1, dtype=np.float64)
     radius = max(1, round(reach / step))
     for axis in (0, 1):
         total = np.cumsum(np.insert(sums, 0, 0.0, axis=axis), axis=axis)
@@ -103,7 +117,7 @@ class BrightPicture:
             nearness=nearness,
             median=float(np.median(lowest[:: steps[0], :: steps[1]])) / levels.clipped,
             config=config,
-            _dark=(cell_sums(lowest * dark, reach), cell_sums(dark, reach)),
+            _dark=(cell_sums(lowest, reach, dark), cell_sums(dark, reach)),
         )
 
     @property

@@ -10,7 +10,7 @@ from bokehnet.light.clip_level import ClipLevel, clip_levels
 from bokehnet.light.config import DEFAULT_CONFIG, LightConfig
 from bokehnet.light.lamps import add_lamps
 
-__all__ = ["RecoveredLight", "measured_light", "recover_light"]
+__all__ = ["RecoveredLight", "estimated_light", "measured_light", "picture_of", "recover_light"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -30,6 +30,30 @@ class RecoveredLight:
     largest: float = 1.0
     source: str = "estimated"
     pixels: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
+
+    @classmethod
+    def of(cls, image: Array, recovered: Array, level: float, strength: float = 1.0) -> "RecoveredLight":
+        """Compare a picture with its recovered light.
+
+        Args:
+            image: Scene-linear picture, (H, W, 3).
+            recovered: The same with recovered light.
+            level: Clip level.
+            strength: Factor on the light above the stored one.
+        """
+        brightened = recovered[..., 0] > image[..., 0]
+        for channel in (1, 2):
+            brightened |= recovered[..., channel] > image[..., channel]
+        if not brightened.any():
+            return cls(image=image)
+        if strength != 1:
+            recovered = image + np.float32(strength) * (recovered - image)
+        return cls(
+            image=recovered,
+            fraction=float(brightened.mean()),
+            largest=float(recovered[brightened].max() / level),
+            pixels=np.flatnonzero(brightened),
+        )
 
     @property
     def note(self) -> str:
@@ -65,27 +89,28 @@ def recover_light(
         >>> recover_light(dark).image is dark
         True
     """
-    if strength <= 0 or image.size == 0 or not np.isfinite(image).all():
+    picture = picture_of(image, nearness, config) if strength > 0 else None
+    if picture is None:
         return RecoveredLight(image=image)
+    return RecoveredLight.of(image, estimated_light(picture), picture.level, strength)
+
+
+def picture_of(image: Array, nearness: Array | None, config: LightConfig) -> BrightPicture | None:
+    """Measure a picture; None if nothing in it can be clipped light. Arguments as :func:`recover_light`."""
+    if image.size == 0 or not np.isfinite(image).all():
+        return None
     levels = _common_levels(image, config)
     if levels is None or _is_drawing(image, levels.clipped, config):
-        return RecoveredLight(image=image)
-    picture, result = BrightPicture.of(image, nearness, levels, config), image.copy()
+        return None
+    return BrightPicture.of(image, nearness, levels, config)
+
+
+def estimated_light(picture: BrightPicture) -> Array:
+    """Return a picture with its estimated light, (H, W, 3)."""
+    result = picture.image.copy()
     is_lamp = add_lamps(picture, result)
     add_areas(picture, result, is_lamp)
-    brightened = result[..., 0] > image[..., 0]
-    for channel in (1, 2):
-        brightened |= result[..., channel] > image[..., channel]
-    if not brightened.any():
-        return RecoveredLight(image=image)
-    if strength != 1:
-        result = image + np.float32(strength) * (result - image)
-    return RecoveredLight(
-        image=result,
-        fraction=float(brightened.mean()),
-        largest=float(result[brightened].max() / levels.clipped),
-        pixels=np.flatnonzero(brightened),
-    )
+    return result
 
 
 def measured_light(

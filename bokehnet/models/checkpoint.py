@@ -11,8 +11,10 @@ from bokehnet.config import build_config, check_same, to_dict
 from bokehnet.errors import DataFileError
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.models.bokehme import BokehMeARNet, BokehMeConfig, BokehMeIUNet
 from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.models.light import LightNet, LightNetConfig
 from bokehnet.models.onnx_import import read_exported
 from bokehnet.models.repair import RepairNet, RepairNetConfig
 
@@ -31,6 +33,9 @@ NETWORKS = {
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
     "error": _Network(ErrorNet, ErrorNetConfig),
+    "light": _Network(LightNet, LightNetConfig),
+    "bokehme_arnet": _Network(BokehMeARNet, BokehMeConfig),
+    "bokehme_iunet": _Network(BokehMeIUNet, BokehMeConfig),
 }
 
 

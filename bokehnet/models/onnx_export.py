@@ -13,11 +13,15 @@ from torch import Tensor, nn
 
 from bokehnet.config import to_dict
 from bokehnet.errors import ModelFileError
+from bokehnet.inference.bokehme import UNIT_PX
 from bokehnet.io.files.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
+from bokehnet.models.bokehme import BokehMeARNet, BokehMeIUNet
 from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
+from bokehnet.models.light import FEATURES as LIGHT_FEATURES
+from bokehnet.models.light import LightNet
 from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
 
@@ -49,6 +53,13 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     if isinstance(network, ErrorNet):
         pictures = {name: noise(3) for name in ("image", "rays", "scatter")}
         return {**pictures, "features": noise(len(FEATURES))}
+    if isinstance(network, LightNet):
+        return {"features": torch.randn(size[0], LIGHT_FEATURES, generator=generator)}
+    if isinstance(network, BokehMeARNet | BokehMeIUNet):
+        inputs = {"image": noise(3), "defocus": UNIT_PX * (2 * noise(1) - 1)}
+        if isinstance(network, BokehMeIUNet):
+            inputs["coarse"] = noise(3, height // 2, width // 2)
+        return inputs | {"gamma": noise(1, 1, 1)}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
     inputs = {
@@ -64,19 +75,24 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
 
 
 def _export(network: nn.Module, path: Path) -> None:
-    """Write one network with dynamic height and width."""
+    """Write one network with dynamic height and width, or number of regions."""
     inputs, block = _inputs(network, _EXAMPLE_SIZE), _block(network)
     rows, columns = torch.export.Dim("rows", min=2), torch.export.Dim("columns", min=2)
     sizes: dict[str, Any] = {key: {2: block * rows, 3: block * columns} for key in inputs}
+    if isinstance(network, LightNet):
+        sizes = {"features": {0: torch.export.Dim("regions", min=2)}}
     if "coarse" in sizes:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
-    if "span" in sizes:
-        sizes["span"] = {}
+    for scalar in sizes.keys() & {"span", "gamma"}:
+        sizes[scalar] = {}
     outputs = {
         "ARNet": ["bokeh", "error_map"],
         "IUNet": ["bokeh"],
         "RepairNet": ["repaired", "votes"],
         "ErrorNet": ["expected_error"],
+        "LightNet": ["log_gain", "probability"],
+        "BokehMeARNet": ["bokeh", "error_map"],
+        "BokehMeIUNet": ["bokeh"],
     }
     program = torch.onnx.export(
         network,
@@ -121,8 +137,8 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``error``, or ``arnet`` and ``iunet``
-            with the same ``network_max_radius``.
+        networks: Trained networks by name: ``repair``, ``error``, ``light``, ``bokehme_arnet`` and
+            ``bokehme_iunet``, or ``arnet`` and ``iunet`` with the same ``network_max_radius``.
         folder: Target folder; created if missing. The manifest is written last, so that a broken export is
             never used.
         manifest: Further content of the manifest: the runs of the networks, and for a pair the name of the

@@ -83,6 +83,9 @@ class Value:
     def __pow__(self, other: Operand) -> "Value":
         return self._with("Pow", other)
 
+    def __matmul__(self, other: Operand) -> "Value":
+        return self._with("MatMul", other)
+
     def __neg__(self) -> "Value":
         return self.graph.op("Neg", self)
 
@@ -235,6 +238,10 @@ class Graph:
     def maximum(self, a: Value, b: Operand) -> Value:
         """Return the larger of both."""
         return self.op("Max", a, self.constant(b, a.dtype))
+
+    def tanh(self, x: Value) -> Value:
+        """Return the hyperbolic tangent."""
+        return self.op("Tanh", x)
 
     def floor(self, x: Value) -> Value:
         """Return the largest whole numbers not above x."""

@@ -6,7 +6,7 @@ The formulas are those of :mod:`bokehnet.inference.coarse_to_fine`, called with 
 import numpy as np
 import onnx
 
-from bokehnet.fusion import fuse
+from bokehnet.arrays.fusion import fuse
 from bokehnet.inference.coarse_to_fine import (
     BLOCK,
     apply_change,

@@ -7,14 +7,17 @@ from pathlib import Path
 import numpy as np
 import onnx
 
+from bokehnet.arrays.fusion import fuse
+from bokehnet.baselines.spread.bokehme import bokehme
 from bokehnet.checks import check_choice
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError, ParameterError
-from bokehnet.fusion import fuse
+from bokehnet.inference.bokehme import DISPLAY_GAMMA
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.files.atomic import write_atomic
+from bokehnet.onnx_file.bokehme import build_bokehme
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.layers import split_layers
@@ -29,7 +32,12 @@ from bokehnet.version import __version__
 
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "RAYS_PARITY", "build_model", "export_renderer"]
 
-ONE_FILE_ENGINES = tuple(name for name, spec in ENGINES.items() if spec.one_file)
+# Engines, and the baseline that has a file for comparisons.
+BASELINE = "bokehme"
+ONE_FILE_ENGINES = (*(name for name, spec in ENGINES.items() if spec.one_file), BASELINE)
+
+# Largest blur in pixels with which that file is compared; its scatter has a step for each offset of a disc.
+_MAX_BASELINE_BLUR_PX = 10.0
 
 # Minimum PSNR in dB, of scene-linear light with white as the peak, between the file and the package. The file
 # of the rays estimates layers in a simpler form (:mod:`bokehnet.onnx_file.layers`).
@@ -86,13 +94,16 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
     Args:
         weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
-        engine: ``"fast"``, ``"neural"`` or ``"rays"``.
+        engine: ``"fast"``, ``"neural"``, ``"rays"``, or the baseline ``"bokehme"``.
 
     Raises:
         ParameterError: Another engine, or weights for an engine without networks.
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
     check_choice("engine", engine, ONE_FILE_ENGINES)
+    if engine == BASELINE:
+        folder = weights or WEIGHTS / BASELINE
+        return build_bokehme(*(onnx.load(folder / f"bokehme_{name}.onnx") for name in ("arnet", "iunet")))
     traces_rays = ENGINES[engine].traces_rays
     networks = None
     if traces_rays and weights is not None:
@@ -174,6 +185,8 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress | None) -> list[float]:
     """Return the PSNR in dB between a file's content in ONNX Runtime and the package, one per trial."""
+    if engine == BASELINE:
+        return _compare_baseline(model)
     report = progress or ignore_progress
     session = OnnxSession(model, options={"log_severity_level": 3})
     hybrid, plain = Engine(engine, weights=weights), Engine("scatter")
@@ -190,6 +203,20 @@ def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress
         expected = package.render(image, defocus, options=RenderOptions(gamma=gamma)).bokeh
         psnrs.append(float(-10 * np.log10(np.square(rendered - expected).mean() + 1e-20)))
     report(len(psnrs), len(_TRIALS))
+    return psnrs
+
+
+def _compare_baseline(model: bytes) -> list[float]:
+    """Return the PSNR in dB between the baseline's file and its function, one per trial."""
+    session, psnrs = OnnxSession(model, options={"log_severity_level": 3}), []
+    for height, width, blur, gamma in _TRIALS:
+        image, disparity = _trial_picture(height, width)
+        blur = min(blur, _MAX_BASELINE_BLUR_PX)
+        numbers = {"K": blur, "focus": 0.0, "gamma": gamma}
+        scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
+        rendered = session.run({"image": image, "disparity": disparity, **scalars})[0]
+        expected = bokehme(image, np.float32(blur) * disparity, gamma=min(DISPLAY_GAMMA * gamma, 5.0))
+        psnrs.append(float(-10 * np.log10(np.square(rendered - expected).mean() + 1e-20)))
     return psnrs
 
 
@@ -218,7 +245,7 @@ def export_renderer(
     """
     content = build_model(weights, engine).SerializeToString()
     lowest = min(_compare(content, weights, engine, progress))
-    required = RAYS_PARITY if ENGINES[engine].traces_rays else PARITY
+    required = RAYS_PARITY if engine in ENGINES and ENGINES[engine].traces_rays else PARITY
     if not lowest >= required:
         raise ModelFileError(
             f"{path}: expected at least {required:g} dB between the file and the package, "

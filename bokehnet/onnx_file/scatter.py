@@ -109,7 +109,7 @@ def _spread(g: Graph, values: Value, defocus: Value) -> Value:
 
 
 def scatter(g: Graph, image: Value, defocus: Value) -> Value:
-    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter` with a disc.
+    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter_inside` with a disc.
 
     Args:
         g: Open graph.

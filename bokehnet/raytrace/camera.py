@@ -8,19 +8,34 @@ from torch import Tensor
 from bokehnet.checks import check_at_least
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import LensModel
+from bokehnet.raytrace.scene import Vector
 
-__all__ = ["Camera"]
+__all__ = ["Camera", "Pose"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pose:
+    """Position and orientation of a camera in the world.
+
+    Attributes:
+        rotation: Rows of the matrix from the camera's axes to those of the world.
+        position: Position of the lens, mm.
+    """
+
+    rotation: tuple[Vector, Vector, Vector]
+    position: Vector
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera:
-    """Lens at z = 0 with a sensor behind it; the picture is upright, x to the right and y down.
+    """Lens with a sensor behind it; the picture is upright, x to the right and y down.
 
     Attributes:
         lens: Any lens model.
         width: Picture width, pixels.
         height: Picture height, pixels.
         pixel_pitch: Distance between the centres of two pixels, mm.
+        pose: Pose of the camera; None is at the origin, along z.
 
     Raises:
         ParameterError: The picture is empty or the pitch is not positive.
@@ -30,6 +45,7 @@ class Camera:
     width: int
     height: int
     pixel_pitch: float
+    pose: Pose | None = None
 
     def __post_init__(self) -> None:
         check_at_least("width", self.width, 1)

@@ -187,6 +187,19 @@ class Tracer:
         for part in pixels.split(self._max_rays):
             yield part, self._trace(points, part)
 
+    @torch.no_grad()
+    def trace_bokeh(self, start: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Trace ``count`` samples of all pixels through the whole pupil only, from sample ``start``.
+
+        Yields:
+            A block of the pixels, (Q,), and the sum of the colours of their samples, (Q, 3).
+        """
+        points = self._distribution.points(start, count)
+        for part in torch.arange(self._pixels, device=self._device).split(self._max_rays):
+            samples = self._distribution.lens_samples(points, part)
+            color, _ = self._trace_samples(points, part, samples, self._dispersion)
+            yield part, color.reshape(count, -1, 3).sum(0)
+
     def render(self, samples: int, progress: Progress | None = None) -> Accumulation:
         """Return the means of ``samples`` samples; calls ``progress`` with the number done."""
         check_at_least("samples", samples, 1)
@@ -246,22 +259,9 @@ class Tracer:
         background_depth = (
             torch.inf if backdrop is None or backdrop.disparity == 0 else 1 / backdrop.disparity
         )
-        depth = torch.full_like(mid_exposure, background_depth)
-        normal = torch.zeros_like(rays.origin)
-        body = torch.full_like(mid_exposure, -1, dtype=torch.int64)
-        row = torch.arange(self._pixels, device=self._device)
-        min_distance, last_body = torch.zeros_like(mid_exposure), body.clone()
-        while len(row):
-            hit = self.world.intersect(pick(rays, row), min_distance, last_body)
-            hits_body = hit.body >= 0
-            row, hit = row[hits_body], pick(hit, hits_body)
-            surface_normal, texture = self.world.surfaces(pick(rays, row), hit)
-            solid = texture[:, 3] >= 0.5
-            ends = row[solid]
-            depth[ends], body[ends] = hit.hits.distance[solid], hit.body[solid]
-            towards = (surface_normal * rays.direction[row]).sum(-1, keepdim=True) < 0
-            normal[ends] = torch.where(towards, surface_normal, -surface_normal)[solid]
-            row, min_distance, last_body = row[~solid], hit.hits.distance[~solid], hit.body[~solid]
+        solid = self.world.first_solid(rays)
+        depth = torch.where(solid.body >= 0, solid.hits.distance, background_depth)
+        normal, body = solid.normal, solid.body
         return Maps(depth=depth.reshape(size), normal=normal.reshape(*size, 3), body=body.reshape(size))
 
 
@@ -274,4 +274,8 @@ def lens_rays(
     zero, one = torch.zeros_like(time)[:, None], torch.ones_like(time)[:, None]
     origin = torch.cat([rays.origin, zero], -1)
     direction = torch.cat([rays.slope, one], -1)
+    if camera.pose is not None:  # distances along the rays remain depths
+        rotation = origin.new_tensor(camera.pose.rotation).T
+        origin = origin @ rotation + origin.new_tensor(camera.pose.position)
+        direction = direction @ rotation
     return SpaceRays(origin=origin, direction=direction, time=time), weight

@@ -17,7 +17,7 @@ from bokehnet.raytrace.scene import Background, Plane, Scene, Vector
 from bokehnet.raytrace.surfaces.lights import AreaLight, Environment, Light, PointLight
 from bokehnet.raytrace.surfaces.materials import Material
 
-__all__ = ["Body", "SurfaceHit", "World", "world_from_scene"]
+__all__ = ["Body", "SolidHit", "SurfaceHit", "World", "world_from_scene"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -48,6 +48,23 @@ class SurfaceHit:
 
     hits: Hits
     body: Tensor
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SolidHit:
+    """First surfaces with alpha >= 0.5 on rays; zeros without one.
+
+    Attributes:
+        hits: Hits, (N,).
+        body: Index of the body, (N,) int64; -1 for none.
+        normal: Unit normal towards the origin of the ray, (N, 3).
+        texture: Premultiplied RGBA, (N, 4).
+    """
+
+    hits: Hits
+    body: Tensor
+    normal: Tensor
+    texture: Tensor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,6 +116,29 @@ class World:
             index = torch.where(nearer, number, index)
         return SurfaceHit(hits=Hits(distance=distance, element=element), body=index)
 
+    def first_solid(self, rays: SpaceRays) -> SolidHit:
+        """Return the first surface with alpha >= 0.5 on each ray."""
+        distance = torch.zeros_like(rays.time)
+        element = torch.zeros(len(distance), dtype=torch.int64, device=distance.device)
+        normal, texture = torch.zeros_like(rays.origin), distance.new_zeros(len(distance), 4)
+        body = torch.full_like(element, -1)
+        row = torch.arange(len(distance), device=distance.device)
+        min_distance, last_body = distance.clone(), body.clone()
+        while len(row):
+            hit = self.intersect(pick(rays, row), min_distance, last_body)
+            hits_body = hit.body >= 0
+            row, hit = row[hits_body], pick(hit, hits_body)
+            surface_normal, color = self.surfaces(pick(rays, row), hit)
+            solid = color[:, 3] >= 0.5
+            ends = row[solid]
+            distance[ends], element[ends] = hit.hits.distance[solid], hit.hits.element[solid]
+            body[ends], texture[ends] = hit.body[solid], color[solid]
+            towards = (surface_normal * rays.direction[row]).sum(-1, keepdim=True) < 0
+            normal[ends] = torch.where(towards, surface_normal, -surface_normal)[solid]
+            row, min_distance, last_body = row[~solid], hit.hits.distance[~solid], hit.body[~solid]
+        hits = Hits(distance=distance, element=element)
+        return SolidHit(hits=hits, body=body, normal=normal, texture=texture)
+
     def surfaces(self, rays: SpaceRays, hit: SurfaceHit) -> tuple[Tensor, Tensor]:
         """Return normals (N, 3), to either side, and textures (N, 4), premultiplied RGBA, at the hits."""
         normal = torch.zeros_like(rays.origin)
@@ -140,8 +180,12 @@ class World:
         light = self.environment.texture_lookup(rays.direction)
         if self.backdrop is None:
             return light
-        lens_rays = Rays(origin=rays.origin[None, :, :2], slope=rays.direction[None, :, :2])
-        return torch.where(scattered[:, None], light, look_up_background(self.backdrop, lens_rays)[:, 0].T)
+        # A turned camera can look away from the backdrop, which is ahead of the origin.
+        forward = rays.direction[:, 2:]
+        slope = rays.direction[:, :2] / torch.where(forward > 0, forward, 1)
+        origin = rays.origin[:, :2] - rays.origin[:, 2:] * slope
+        behind = look_up_background(self.backdrop, Rays(origin=origin[None], slope=slope[None]))[:, 0].T
+        return torch.where(scattered[:, None] | (forward <= 0), light, behind)
 
 
 def world_from_scene(scene: Scene) -> World:

@@ -3,6 +3,6 @@
 In: a :class:`~bokehnet.scene.scene.Scene` and :class:`~bokehnet.settings.settings.RenderSettings`. Out: a
 :class:`~bokehnet.render.result.RenderResult` with the picture, the intermediate maps and a report.
 
-Open first: ``renderer.py``, then its steps in order: ``preparation.py`` (depth repair, focus),
+Open first: ``renderer.py``, then its steps in order: ``scene/preparation`` (depth repair, focus),
 ``look.py`` (aperture, lens, effects from settings), ``exposure.py`` (blur and effects), ``result.py``.
 """

@@ -27,11 +27,11 @@ from bokehnet.render.look import (
     make_aperture,
     make_effects,
     make_lens_response,
-    prescription_lens,
 )
-from bokehnet.render.picture_cache import DEFAULT_CACHE_BYTES, PictureCache
-from bokehnet.render.preparation import prepare
 from bokehnet.render.result import RenderReport, RenderResult
+from bokehnet.scene.preparation.picture_cache import DEFAULT_CACHE_BYTES, PictureCache
+from bokehnet.scene.preparation.preparation import prepare
+from bokehnet.scene.prescription import prescription_lens
 from bokehnet.scene.scene import FocusedScene, Scene
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import (

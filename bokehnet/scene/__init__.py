@@ -4,5 +4,5 @@ In: a picture and a depth source (``depth/``), from files or arrays, and the set
 :class:`~bokehnet.scene.scene.Scene`, and with the focus set a :class:`~bokehnet.scene.scene.FocusedScene`
 with the signed defocus in pixels.
 
-Open first: ``scene.py``, ``depth/depth_source.py``, ``focus.py``.
+Open first: ``scene.py``, ``depth/depth_source.py``, ``focus.py``, ``preparation/preparation.py``.
 """

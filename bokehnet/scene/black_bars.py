@@ -15,6 +15,9 @@ Array = npt.NDArray[np.float32]
 # Largest light of a bar, which compressed video lifts by a level or two of 255.
 _MAX_BLACK = 0.0015
 
+# Largest light next to the picture, in as many lines of a bar, where lossy compression rings.
+_MAX_RINGING, _RINGING_PX = 0.012, 16
+
 # Minimum width of each of two opposite bars, fraction of the side; maximum difference of their widths, pixels
 # and fraction of the side.
 _MIN_BAR, _MAX_DIFFERENCE_PX, _MAX_DIFFERENCE = 0.02, 2, 0.01
@@ -64,7 +67,7 @@ def find_black_bars(image: Array) -> BlackBars | None:
     """Return the black bars of a picture; None unless they are certain.
 
     Bars are black to within two levels, lie on opposite sides, are equally wide, and end at a straight line
-    beyond which most of the picture is brighter.
+    beyond which most of the picture is brighter. In the 16 lines next to the picture they may ring.
 
     Args:
         image: Scene-linear picture, (H, W, 3).
@@ -79,24 +82,32 @@ def find_black_bars(image: Array) -> BlackBars | None:
     """
     if image[0].max() > _MAX_BLACK and image[:, 0].max() > _MAX_BLACK:
         return None
-    bright = image.max(axis=2) > _MAX_BLACK
-    rows = _pair(bright)
-    between = bright[rows[0] : len(bright) - rows[1]]
-    columns = _pair(between.T)
+    light = image.max(axis=2)
+    rows = _pair(light)
+    columns = _pair(light[rows[0] : len(light) - rows[1]].T)
     if not any(rows) and not any(columns):
         return None
     return BlackBars(top=rows[0], bottom=rows[1], left=columns[0], right=columns[1])
 
 
-def _pair(bright: npt.NDArray[np.bool_]) -> tuple[int, int]:
+def _pair(light: Array) -> tuple[int, int]:
     """Return the heights of the bars above and below, 0 and 0 unless they are certain."""
-    size = len(bright)
-    share = bright.mean(axis=1)
-    lit = np.flatnonzero(share > 0)
-    if not len(lit):
-        return 0, 0
-    first, last = int(lit[0]), size - 1 - int(lit[-1])
+    size = len(light)
+    first, last = _bar(light), _bar(light[::-1])
     is_wide = min(first, last) >= max(1, _MIN_BAR * size)
     is_equal = abs(first - last) <= max(_MAX_DIFFERENCE_PX, _MAX_DIFFERENCE * size)
-    is_straight = min(share[first], share[size - 1 - last]) >= _MIN_BRIGHT
-    return (first, last) if is_wide and is_equal and is_straight else (0, 0)
+    return (first, last) if is_wide and is_equal else (0, 0)
+
+
+def _bar(light: Array) -> int:
+    """Return the height of the bar above; 0 unless it ends at a straight line."""
+    brightest = light.max(axis=1)
+    lit = np.flatnonzero(brightest > _MAX_BLACK)
+    if not len(lit):
+        return 0
+    first = int(lit[0])
+    if np.mean(light[first] > _MAX_BLACK) >= _MIN_BRIGHT:
+        return first
+    beyond = np.flatnonzero(brightest[first : first + _RINGING_PX + 1] > _MAX_RINGING)
+    end = first + int(beyond[0]) if len(beyond) else first
+    return end if np.mean(light[end] > _MAX_RINGING) >= _MIN_BRIGHT else 0

@@ -38,7 +38,8 @@ def completed_blur(
     A strength S, by default 50, makes the larger of the two blur radii at the farthest and the nearest point
     S/100 of 8 % of the longer side, i.e. 4 % by default. An f-number of a relative map is that of a
     full-frame camera with the nearest point at 1 m, or 20 focal lengths if that is farther, and the farthest
-    at infinity. A photo with its own metric depth but without an f-number gets the f-number of that strength.
+    at infinity. Metric depth without a view gets a 50 mm lens on full frame, without an f-number that of the
+    strength.
 
     Args:
         camera: Camera settings.
@@ -125,10 +126,12 @@ def _equivalent_blur(
 def _completed_aperture(
     camera: CameraSettings, depth: DepthMap, near: float, far: float, window: Window
 ) -> tuple[CameraSettings, tuple[str, ...]]:
-    """Return the settings with the f-number of the default strength if a photo with depth has none."""
+    """Return the settings with a full-frame view and the f-number of a strength where files have none."""
+    camera, notes = _completed_view(camera, depth, window)
     in_file = None if depth.camera is None else depth.camera.f_number
-    if camera.f_number is not None or in_file is not None or not depth.fits_any_size:
-        return camera, ()
+    if camera.strength is None and (camera.f_number is not None or in_file is not None):
+        return camera, notes
+    strength = DEFAULT_STRENGTH if camera.strength is None else camera.strength
     numbers = complete_camera(replace(camera, f_number=1.0), depth.camera, depth.origin)
     low, high = np.percentile(depth.values, _END_PERCENTILES)
     lens = ThinLens(focal_length=numbers.focal_length, f_number=1.0, focus_distance=_distance(far))
@@ -137,11 +140,32 @@ def _completed_aperture(
     at_near = abs(float(np.asarray(lens.coc_radius(np.array([[max(high, near)]])))[0, 0]))
     pixels = max(at_far, at_near) * window.display_width / numbers.sensor_width
     longer_side = max(window.display_width, window.display_height)
-    radius = DEFAULT_STRENGTH / 100 * _FULL_RADIUS * longer_side
+    radius = max(strength / 100 * _FULL_RADIUS, _MIN_RADIUS) * longer_side
     f_number = max(pixels / radius, _MIN_F_NUMBER)
-    note = f"f/{f_number:.2g} for a blur of up to 4 % of the longer side, as the file has no f-number"
-    return replace(camera, f_number=f_number), (note,)
+    note = f"f/{f_number:.2g} for a blur of up to {100 * radius / longer_side:.2g} % of the longer side"
+    if camera.strength is None:
+        note += ", as the file has no f-number"
+    return replace(camera, f_number=f_number, strength=None), (*notes, note)
 
+
+def _completed_view(
+    camera: CameraSettings, depth: DepthMap, window: Window
+) -> tuple[CameraSettings, tuple[str, ...]]:
+    """Return the settings with the sensor and the normal lens of full frame where files have neither."""
+    film = full_frame_camera(None, window.display_width, window.display_height)
+    sensor = camera.sensor_width or getattr(depth.camera, "sensor_width", None)
+    length = camera.focal_length or getattr(depth.camera, "focal_length", None)
+    if sensor is not None and length is not None:
+        return camera, ()
+    assert film.sensor_width is not None
+    width = sensor or film.sensor_width
+    length = length or _NORMAL_FOCAL_LENGTH * width / film.sensor_width
+    on = "full frame" if sensor is None else f"a sensor {sensor:.3g} mm wide"
+    return replace(camera, focal_length=length, sensor_width=width), (f"{length:.3g} mm on {on}",)
+
+
+# Smallest radius of a strength, relative to the longer side: strength 0 has no finite f-number.
+_MIN_RADIUS = 1e-5
 
 # Largest aperture that is assumed; a flat scene needs an infinite one for any blur.
 _MIN_F_NUMBER = 0.1

@@ -233,10 +233,6 @@ def check_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
     """
     metric = depth.kind == "metric"
     check_kind(focus, camera, metric=metric, origin=depth.origin)
-    if metric:
-        # A photo with its own depth needs no f-number; see `completed_blur`.
-        known = replace(camera, f_number=camera.f_number or 1.0) if depth.fits_any_size else camera
-        complete_camera(known, depth.camera, depth.origin)
     check_pixels(focus, window)
 
 

@@ -3,14 +3,20 @@
 They import no kernels, so that the command line reports mistakes at once.
 """
 
+from pathlib import Path
+
 from bokehnet.errors import ErrorCollector, ParameterError
+from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
-from bokehnet.scene.depth.depth_source import ConstantDisparity, EmbeddedDepth, depth_source
+from bokehnet.scene.camera import merged_camera
+from bokehnet.scene.depth.depth_source import ConstantDisparity, EmbeddedDepth, MetricDepth, depth_source
+from bokehnet.scene.depth.explicit_depth import map_camera
 from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
 __all__ = [
     "check_focus",
+    "check_frames_aperture",
     "check_kind",
     "check_nothing_to_focus",
     "check_pixels",
@@ -19,7 +25,7 @@ __all__ = [
     "stored_pixel",
 ]
 
-_RELATIVE = ("focus.value", "camera.blur", "camera.strength")
+_RELATIVE = ("focus.value", "camera.blur")
 _METRIC = ("focus.distance", "camera.sensor_width")
 
 
@@ -52,6 +58,35 @@ def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
     has_subject = automatic and not isinstance(source, ConstantDisparity)
     complete = not has_subject and not source.tells_focus
     check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
+
+
+def check_frames_aperture(settings: RenderSettings, camera: Camera | None, *, own_depth: bool) -> None:
+    """Raise ``ParameterError`` if each frame of a shot with metric depth would assume an f-number of its own.
+
+    Args:
+        settings: Settings of the first frame.
+        camera: Camera in the file of its picture.
+        own_depth: True if that file holds metric depth.
+
+    Examples:
+        >>> settings = RenderSettings(camera=CameraSettings(f_number=2))
+        >>> check_frames_aperture(settings, None, own_depth=True)
+    """
+    source = depth_source(settings)
+    if isinstance(source, MetricDepth):
+        if isinstance(source.map, Path):
+            camera = merged_camera(camera, map_camera(source.map))
+    elif not (own_depth and isinstance(source, EmbeddedDepth) and not source.relative):
+        return
+    numbers = settings.camera
+    if numbers.strength is not None or (
+        numbers.f_number is None and (camera is None or camera.f_number is None)
+    ):
+        raise ParameterError(
+            "camera.f_number",
+            expected="one for all frames, as that of a strength would change from frame to frame",
+            shown="none" if numbers.strength is None else "`camera.strength`",
+        )
 
 
 def check_pixels(focus: FocusSettings, window: Window, supersampled: int = 1) -> None:
@@ -159,6 +194,8 @@ def check_kind(
     unusable = dict.fromkeys(_RELATIVE if metric else _METRIC, "")
     if not metric and camera.f_number is None:
         unusable["camera.focal_length"] = " without `camera.f_number`"
+    if metric and camera.strength is not None:
+        unusable["camera.f_number"] = " with `camera.strength`"
     if not metric and (
         other := next((n for n in ("blur", "strength") if getattr(camera, n) is not None), "")
     ):

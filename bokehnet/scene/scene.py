@@ -75,6 +75,8 @@ class Scene:
         matte: Coverage of each pixel by a foreground, (H, W), 0 to 1; None if unknown.
         known: Both surfaces of pixels at edges, in the unit of the map, where they are known.
         supersampled: Size of picture, map and window relative to the result: 1, 2 or 4.
+        light_sums: Light of its clipped regions according to its shot, (regions, 3); None to estimate it
+            from this picture alone. See :func:`bokehnet.light.temporal.steady_sums`.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -93,6 +95,7 @@ class Scene:
     matte: Array | None = None
     known: KnownSurfaces | None = None
     supersampled: int = 1
+    light_sums: npt.NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ from bokehnet.errors import (
 )
 from bokehnet.io.image import read_image
 from bokehnet.io.pixels import ImageFile
-from bokehnet.lenses import LensModel, PrescriptionLens, ThinLens, TiltShift, load_lens
+from bokehnet.lenses import LensModel, PrescriptionLens, ThickLens, ThinLens, TiltShift, load_lens
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.geometry.meshes import Mesh, read_mesh
 from bokehnet.raytrace.geometry.quads import Quad
@@ -44,7 +44,7 @@ from bokehnet.scenes.tables import (
     SceneTable,
 )
 
-__all__ = ["SceneJob", "read_scene"]
+__all__ = ["SceneJob", "read_camera", "read_scene"]
 
 _MM_PER_M = 1000.0
 
@@ -104,6 +104,20 @@ def read_scene(
     return _Reader(path, load_config(path, SceneTable, overrides), torch.device(device)).read()
 
 
+def read_camera(path: Path | str, table: SceneTable, *, ideal: bool = False) -> Camera:
+    """Return the camera of a table; the lens file that it names, if any, is relative to the scene file.
+
+    Args:
+        path: Scene file.
+        table: Its content, or a changed one.
+        ideal: True for a lens without aberrations, with the focal length, focus and pupils of the real one.
+
+    Raises:
+        ConfigError: Camera or lens are wrong.
+    """
+    return _Reader(Path(path), table, torch.device("cpu")).camera(ideal)
+
+
 class _Reader:
     """Reader of one file; includes the files that it names in the digest."""
 
@@ -114,7 +128,7 @@ class _Reader:
         )
 
     def read(self) -> SceneJob:
-        camera = self._camera()
+        camera = self.camera()
         table = self._table
         with self._errors_prefixed("environment"):
             texture = self._picture("environment.texture", table.environment.texture)[:3]
@@ -170,21 +184,28 @@ class _Reader:
         except (DataFileError, ImageFileError, LensError, ParameterError, ShapeError) as error:
             raise ConfigError(f"{self._path}: {key}: {error}") from error
 
-    def _camera(self) -> Camera:
+    def camera(self, ideal: bool = False) -> Camera:
+        """Return the camera, with its lens, tilt and shift; see :func:`read_camera`."""
         table = self._table.camera
         with self._errors_prefixed("camera"):
             check_above("sensor_width", table.sensor_width, 0, "mm")
+            lens: ThinLens | ThickLens | PrescriptionLens = self._lens(self._table.lens)
+            if ideal and isinstance(lens, PrescriptionLens):
+                lens = lens.thick
             camera = Camera(
-                lens=self._with_tilt_shift(self._lens(self._table.lens), table),
+                lens=self._with_tilt_shift(lens, table),
                 width=table.width,
                 height=table.height,
                 pixel_pitch=table.sensor_width / max(table.width, 1),
             )
-        with self._errors_prefixed("lens"):
-            _check_transmission(camera)
+        if not ideal:
+            with self._errors_prefixed("lens"):
+                _check_transmission(camera)
         return camera
 
-    def _with_tilt_shift(self, lens: ThinLens | PrescriptionLens, table: CameraTable) -> LensModel:
+    def _with_tilt_shift(
+        self, lens: ThinLens | ThickLens | PrescriptionLens, table: CameraTable
+    ) -> LensModel:
         """Return the lens with a tilted and shifted sensor, if the table has tilt or shift."""
         if table.focus_points is not None:
             if any(table.tilt):

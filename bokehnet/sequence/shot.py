@@ -1,8 +1,8 @@
-"""Decisions for all frames of a shot: temporally filtered maps, and the plan of their repair."""
+"""Decisions for all frames of a shot: filtered maps, the plan of their repair, and clipped light."""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,10 +12,12 @@ import numpy.typing as npt
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.errors import BokehnetError
 from bokehnet.io.files.atomic import write_text
+from bokehnet.light.temporal import FrameLight, steady_sums
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, depth_source
+from bokehnet.scene.preparation.recovered_light import frame_light, is_photograph
 from bokehnet.scene.scene import Scene, map_at_picture_size
 from bokehnet.sequence.filtered_shot import FilteredShot
 from bokehnet.sequence.temporal_filter import REACH_FRAMES
@@ -45,6 +47,7 @@ class Shot:
         plan: Plan of the repair of its maps; None if the settings fix it, or each frame decides.
         steady: Filtered maps; None if the maps are used unfiltered.
         around: Number of frames that were read in addition to those to render.
+        light: Light of the clipped regions of each frame by number, (regions, 3).
 
     Examples:
         >>> Shot().source(0, RenderSettings()) is None
@@ -54,6 +57,16 @@ class Shot:
     plan: RepairPlan | None = None
     steady: FilteredShot | None = None
     around: int = 0
+    light: Mapping[int, npt.NDArray[np.float64]] = field(default_factory=dict)
+
+    def for_frame(self, number: int) -> "Shot":
+        """Return the decisions for one frame, without the light of the others."""
+        return replace(self, light={key: sums for key, sums in self.light.items() if key == number})
+
+    def lit(self, scene: Scene) -> Scene:
+        """Return the scene of a frame with the clipped light of its shot."""
+        sums = self.light.get(scene.number)
+        return scene if sums is None else replace(scene, light_sums=sums)
 
     def source(self, number: int, settings: RenderSettings) -> DepthSource | None:
         """Return the source of filtered depth of a frame; None if its settings define the source."""
@@ -193,15 +206,23 @@ def analyse_shot(
         ...     def scenes(self, indices, shot):
         ...         return iter(())
         >>> analyse_shot(Frames(), BokehRenderer("scatter"), folder=None, steady=False)
-        Shot(plan=None, steady=None, around=0)
+        Shot(plan=None, steady=None, around=0, light={})
     """
     maps = FilteredShot(folder / "maps") if steady and folder is not None else None
+    near = _frames_within_reach(frames)
+    numbers, lights = [frames.numbers[index] for index in near], dict[int, FrameLight | None]()
     if maps is not None and not maps.is_done:
-        near = _frames_within_reach(frames)
-        numbers = [frames.numbers[index] for index in near]
         progress = begin("steadying the maps")
-        maps.filter(_frames_with_maps(frames, near), numbers, progress, selected=frames.selected)
-    shot = Shot(steady=maps, around=0 if maps is None else len(frames.numbers) - len(frames.selected))
+        maps.filter(_frames_with_maps(frames, near, lights), numbers, progress, selected=frames.selected)
+    if not lights and _has_light(frames, near):
+        progress = begin("measuring clipped light")
+        for done, _ in enumerate(_frames_with_maps(frames, near, lights)):
+            progress(done + 1, len(near))
+    shot = Shot(
+        steady=maps,
+        around=0 if maps is None else len(frames.numbers) - len(frames.selected),
+        light=steady_sums(lights, frames.selected),
+    )
     if len(frames.numbers) < 2 or frames.settings_of(0).depth.repair != "auto":
         return shot
     plan_file = None if folder is None else folder / "repair.json"
@@ -271,13 +292,26 @@ def _frames_within_reach(frames: ShotFrames) -> list[int]:
     return [int(index) for index in np.flatnonzero(near)]
 
 
-def _frames_with_maps(frames: ShotFrames, indices: Sequence[int]) -> Iterator[tuple[Array, Array] | None]:
+def _has_light(frames: ShotFrames, indices: Sequence[int]) -> bool:
+    """Return whether clipped light of these frames is estimated; reads the first one."""
+    if len(indices) < 2 or frames.settings_of(indices[0]).highlights.threshold != "auto":
+        return False
+    first = next(frames.scenes(indices[:1], Shot()), None)
+    return first is not None and is_photograph(first)
+
+
+def _frames_with_maps(
+    frames: ShotFrames, indices: Sequence[int], lights: dict[int, FrameLight | None]
+) -> Iterator[tuple[Array, Array] | None]:
+    """Yield pictures and maps of frames, None for unreadable ones, and measure their clipped light."""
     for index, scene in zip(indices, frames.scenes(indices, Shot()), strict=True):
         try:
             frame = None
             if scene is not None:
-                depth_settings = frames.settings_of(index).depth
-                frame = scene.image, map_at_picture_size(scene, depth_settings)
+                settings = frames.settings_of(index)
+                frame = scene.image, map_at_picture_size(scene, settings.depth)
+                if settings.highlights.threshold == "auto":
+                    lights[frames.numbers[index]] = frame_light(scene, frame[1], settings.input)
         except BokehnetError:  # reported when the frame is rendered
             frame = None
         yield frame

@@ -27,7 +27,7 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderReport
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
-from bokehnet.scene.focus_checks import check_focus
+from bokehnet.scene.focus_checks import check_focus, check_frames_aperture
 from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame
@@ -231,7 +231,7 @@ class VideoJob:
             rendered=len(indices),
             plan=shot.plan,
             steady=shot.steady is not None,
-            notes=tuple(reports[0].notes) if reports else (),
+            notes=(*self.info.notes, *(reports[0].notes if reports else ())),
             assumptions=tuple(reports[0].assumptions) if reports else (),
         )
 
@@ -257,6 +257,7 @@ class VideoJob:
             settings = self.settings_of(index)
             if settings.input.disparity is None or not is_video(settings.input.disparity):
                 check_focus(settings, automatic=False)
+                check_frames_aperture(settings, None, own_depth=False)
 
     def _claim(self) -> None:
         """Create the folder, empty unless it belongs to the same job."""

@@ -436,27 +436,27 @@ class CameraSettings(Group):
     )
     strength: float | None = setting(
         None,
-        "With --disparity or a phone's photo: blur strength, 0 to 100. The largest blur radius is this "
-        "percentage of 8 % of the longer side. Default: 50, i.e. 4 %.",
+        "Blur strength, 0 to 100. The largest blur radius is this percentage of 8 % of the longer side. "
+        "Default: 50, i.e. 4 %.",
         low=0,
         high=100,
     )
     focal_length: float | None = setting(
         None,
         "With --depth: focal length, mm. With --disparity and --f-number: of a full-frame camera. Default: "
-        "metadata of the picture's file.",
+        "metadata of the picture's file, else 50 mm on full frame.",
         unit="mm",
         above=0,
     )
     f_number: float | None = setting(
         None,
-        "F-number, such as 1.8. Default: metadata of the picture's file. With --disparity: of a full-frame "
-        "camera with the nearest point at 1 m and the farthest at infinity.",
+        "F-number, such as 1.8. Default: metadata of the picture's file, else that of --strength. With "
+        "--disparity: of a full-frame camera with the nearest point at 1 m and the farthest at infinity.",
         above=0,
     )
     sensor_width: float | None = setting(
         None,
-        "With --depth: width of the sensor, mm. Default: metadata of the picture's file.",
+        "With --depth: width of the sensor, mm. Default: metadata of the picture's file, else full frame.",
         unit="mm",
         above=0,
     )

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import struct
+import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -26,7 +27,7 @@ from bokehnet.studio.preview.overlays import aperture_image, overlay, plain
 from bokehnet.studio.preview.preview import Canvas, Picture, refine
 from bokehnet.studio.session import Session
 
-__all__ = ["PAGE", "make_app"]
+__all__ = ["PAGE", "answered", "framed_bytes", "json_of", "make_app"]
 
 PAGE = Path(__file__).parent / "page"
 """Folder with the files of the page."""
@@ -79,8 +80,8 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
         "preset",
         "session",
     )
-    routes = [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["POST"]) for name in posts]
-    routes += [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["GET"]) for name in gets]
+    routes = [Route(f"/api/{name}", answered(getattr(api, name)), methods=["POST"]) for name in posts]
+    routes += [Route(f"/api/{name}", answered(getattr(api, name)), methods=["GET"]) for name in gets]
     files = Mount("/", StaticFiles(directory=PAGE, html=True))
 
     @asynccontextmanager
@@ -91,7 +92,7 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     return Guard(Starlette(routes=[*routes, files], lifespan=lifespan), token=token, port=port)
 
 
-def _answered(handler: Handler) -> Handler:
+def answered(handler: Handler) -> Handler:
     """Return a handler that reports errors as one line with the setting that caused them."""
 
     async def answer(request: Request) -> Response:
@@ -117,19 +118,20 @@ def _error_response(error: BokehnetError, status: int) -> Response:
 
 
 def _bug_message(error: Exception) -> str:
-    """Return one line about an unexpected exception."""
+    """Return one line about an unexpected exception, and print its traceback to stderr."""
+    traceback.print_exception(error)
     return " ".join(f"internal error: {type(error).__name__}: {error}".split())
 
 
 async def _count(request: Request) -> int:
     """Return the number of steps of an undo or redo; raise ``ValueError`` unless it is at least 1."""
-    count = (await _json(request)).get("count", 1)
+    count = (await json_of(request)).get("count", 1)
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise ValueError("expected a count of at least 1")
     return count
 
 
-async def _json(request: Request) -> dict[str, Any]:
+async def json_of(request: Request) -> dict[str, Any]:
     """Return the JSON object in the body of a request; raise ``ValueError`` if it is invalid."""
     body = bytearray()
     async for chunk in request.stream():
@@ -149,13 +151,17 @@ def _framed(picture: Picture, **facts: Any) -> bytes:
     """Return a frame for the page: length of a JSON header, the header, the pixels."""
     height, width = picture.rgba.shape[:2]
     header = {"stage": picture.stage, "width": width, "height": height, **picture.facts, **facts}
-    encoded = json.dumps(header | {"bytes": picture.rgba.nbytes}).encode()
-    return struct.pack("<I", len(encoded)) + encoded + picture.rgba.tobytes()
+    return framed_bytes(picture.rgba.tobytes(), **header)
+
+
+def framed_bytes(content: bytes, **header: Any) -> bytes:
+    """Return a frame for the page: length of a JSON header, the header, the content."""
+    encoded = json.dumps(header | {"bytes": len(content)}).encode()
+    return struct.pack("<I", len(encoded)) + encoded + content
 
 
 def _line(**facts: Any) -> bytes:
-    encoded = json.dumps(facts | {"bytes": 0}).encode()
-    return struct.pack("<I", len(encoded)) + encoded
+    return framed_bytes(b"", **facts)
 
 
 class _Api:
@@ -200,7 +206,7 @@ class _Api:
         return JSONResponse(await asyncio.to_thread(depth_offer))
 
     async def estimate(self, request: Request) -> Response:
-        self._session.estimate(agreed=(await _json(request)).get("agreed") is True)
+        self._session.estimate(agreed=(await json_of(request)).get("agreed") is True)
         return JSONResponse(self._session.jobs)
 
     async def reopen(self, request: Request) -> Response:
@@ -210,15 +216,15 @@ class _Api:
         return JSONResponse(self._session.state())
 
     async def change(self, request: Request) -> Response:
-        self._session.change((await _json(request)).get("changes", {}))
+        self._session.change((await json_of(request)).get("changes", {}))
         return JSONResponse(self._session.state())
 
     async def wear(self, request: Request) -> Response:
-        self._session.apply_preset(str((await _json(request))["preset"]))
+        self._session.apply_preset(str((await json_of(request))["preset"]))
         return JSONResponse(self._session.state())
 
     async def stroke(self, request: Request) -> Response:
-        self._session.stroke((await _json(request))["stroke"])
+        self._session.stroke((await json_of(request))["stroke"])
         return JSONResponse(self._session.state())
 
     async def undo(self, request: Request) -> Response:
@@ -230,7 +236,7 @@ class _Api:
         return JSONResponse(self._session.state())
 
     async def export(self, request: Request) -> Response:
-        self._session.export(str((await _json(request))["name"]))
+        self._session.export(str((await json_of(request))["name"]))
         return JSONResponse(self._session.jobs)
 
     async def stop(self, request: Request) -> Response:
@@ -238,7 +244,7 @@ class _Api:
         return JSONResponse(self._session.jobs)
 
     async def words(self, request: Request) -> Response:
-        name = str((await _json(request))["name"])
+        name = str((await json_of(request))["name"])
         return JSONResponse(await asyncio.to_thread(self._session.equivalents, name))
 
     async def result(self, request: Request) -> Response:
@@ -257,7 +263,7 @@ class _Api:
 
     async def preview(self, request: Request) -> Response:
         """Apply changes, if any, and send previews up to the final one."""
-        options, session = await _json(request), self._session
+        options, session = await json_of(request), self._session
         if options.get("changes"):
             session.change(options["changes"])
         if "preset" in options:
@@ -268,7 +274,7 @@ class _Api:
 
     async def loupe(self, request: Request) -> Response:
         """Send a region of the picture as in the exported file, at full size."""
-        options, opened = await _json(request), _open_one(self._session)
+        options, opened = await json_of(request), _open_one(self._session)
         width, height = (min(_side(options[side], _MAX_LOUPE_SIDE_PX), full) for side, full in _sides(opened))
         left = min(max(round(float(options["x"]) * opened.size[0] - width / 2), 0), opened.size[0] - width)
         top = min(max(round(float(options["y"]) * opened.size[1] - height / 2), 0), opened.size[1] - height)
@@ -277,7 +283,7 @@ class _Api:
 
     async def thumbnail(self, request: Request) -> Response:
         """Send a thumbnail of the picture with a preset."""
-        options, session = await _json(request), self._session
+        options, session = await json_of(request), self._session
         opened, shown = _open_one(session), _space(options.get("space"))
         settings = session.with_preset(str(options["preset"]))
         key = (str(options["preset"]), shown, opened.version, str(settings.to_table()))

@@ -18,10 +18,10 @@ from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
-from bokehnet.render.recovered_light import recovered_light
 from bokehnet.scene.blur_strength import completed_blur, equivalent_f_number
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
+from bokehnet.scene.preparation.recovered_light import recovered_light
 from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
 from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.settings import (

@@ -7,24 +7,44 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import uvicorn
 
 from bokehnet.errors import BokehnetError
-from bokehnet.studio.app import make_app
-from bokehnet.studio.guard import make_token
-from bokehnet.studio.session import Session
+from bokehnet.studio.guard import Application, make_token
 
-__all__ = ["serve", "write_redirect"]
+__all__ = ["Served", "serve", "write_redirect"]
 
 _HOST = "127.0.0.1"
 
 
-def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callable[[str], None]) -> None:
+class Served(Protocol):
+    """Session of a page."""
+
+    @property
+    def folder(self) -> Path:
+        """Private folder."""
+        ...
+
+    def close(self) -> None:
+        """Stop all work and remove the folder."""
+        ...
+
+
+def serve(
+    session: Served,
+    make_app: Callable[..., Application],
+    *,
+    port: int = 0,
+    browser: bool = True,
+    tell: Callable[[str], None],
+) -> None:
     """Serve a session until Ctrl-C.
 
     Args:
         session: Session to serve; closed at the end.
+        make_app: Function of session, ``token`` and ``port`` that returns the application.
         port: Port to listen on; 0 uses any free port.
         browser: True to open the page in the browser.
         tell: Callback that receives the address.

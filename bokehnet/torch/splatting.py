@@ -6,6 +6,7 @@ from torch.utils.checkpoint import checkpoint
 
 from bokehnet.checks import check_whole
 from bokehnet.classical.torch import autograd
+from bokehnet.classical.torch.border import beyond_border, continuation_px, repeat_border
 from bokehnet.optics.aperture import Aperture
 from bokehnet.torch.aperture import PupilSamples, SmoothAperture, pupil_samples, vignetting_weight
 from bokehnet.torch.checks import check_map, check_picture, compute_dtype
@@ -19,8 +20,13 @@ _POINTS_PER_BLOCK = 1 << 18
 _EPSILON = 1e-6
 
 
-def _splat(values: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor, samples: slice) -> Tensor:
-    """Return the sums (C + 1, H, W) of values (C + 1, H, W) that some samples move by ``defocus * a``."""
+def _splat(
+    values: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor, samples: slice, margin: int
+) -> Tensor:
+    """Return the sums (C + 1, H, W) of values (C + 1, H, W) that some samples move by ``defocus * a``.
+
+    The ``margin`` pixels on each side are outside the picture, from whose centre a cat's-eye is measured.
+    """
     height, width = defocus.shape
     u, v = (axis[:, samples][sets].movedim(-1, 0) for axis in pupil.points)
     front, back = (side[:, samples][sets].movedim(-1, 0) for side in pupil.weights)
@@ -28,7 +34,9 @@ def _splat(values: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor, s
     x = torch.arange(width, device=defocus.device).to(u)[None, :].expand(height, width)
     weight = torch.where(defocus > 0, front, back)
     if pupil.cats_eye is not None:
-        weight = weight * vignetting_weight(pupil, u, v, (x, y), (height, width))
+        weight = weight * vignetting_weight(
+            pupil, u, v, (x - margin, y - margin), (height - 2 * margin, width - 2 * margin)
+        )
     to_x, to_y = x + defocus * u, y + defocus * v
     left, top = to_x.detach().floor(), to_y.detach().floor()
     flat = values.flatten(1)
@@ -44,19 +52,21 @@ def _splat(values: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor, s
     return sums.view_as(values)
 
 
-def _sampled(image: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor) -> Tensor:
-    """Return the scatter of one picture (C, H, W) by samples of the pupil."""
+def _sampled(image: Tensor, defocus: Tensor, pupil: PupilSamples, sets: Tensor, margin: int) -> Tensor:
+    """Return the scatter of one picture (C, H, W) by samples of the pupil, without its margin."""
     values = torch.cat([image, torch.ones_like(image[:1])])
     step = max(1, _POINTS_PER_BLOCK // defocus.numel())
     sums = torch.zeros_like(values)
     for begin in range(0, pupil.points.shape[2], step):
-        arguments = (values, defocus, pupil, sets, slice(begin, begin + step))
+        arguments = (values, defocus, pupil, sets, slice(begin, begin + step), margin)
         if torch.is_grad_enabled():  # recompute in the backward pass
             sums = sums + checkpoint(_splat, *arguments, use_reentrant=False)
         else:
             sums = sums + _splat(*arguments)
     weight = sums[-1:]
-    return torch.where(weight > _EPSILON, sums[:-1] / weight.clamp(min=_EPSILON), image)
+    bokeh = torch.where(weight > _EPSILON, sums[:-1] / weight.clamp(min=_EPSILON), image)
+    height, width = defocus.shape
+    return bokeh[:, margin : height - margin, margin : width - margin]
 
 
 def scatter(
@@ -81,7 +91,8 @@ def scatter(
         seed: Seed of the samples' noise.
 
     Returns:
-        Bokeh with shape :math:`(B, C, H, W)`, in the dtype of ``image``.
+        Bokeh with shape :math:`(B, C, H, W)`, in the dtype of ``image``. Pictures continue beyond their
+        border as in every engine, see :mod:`bokehnet.arrays.beyond_border`.
 
     Raises:
         ShapeError: Sizes do not fit.
@@ -99,9 +110,13 @@ def scatter(
     pictures, radii = image.to(dtype), defocus.to(dtype)[:, 0]
     if isinstance(aperture, SmoothAperture):
         pupil = pupil_samples(aperture, samples, radii)
-        height, width = image.shape[2:]
+        reach = continuation_px(radii)
+        height, width = (side + 2 * reach for side in image.shape[2:])
         sets = pupil_sets(height, width, pupil.points.shape[1], seed, image.device)
-        results = [_sampled(*pair, pupil, sets) for pair in zip(pictures, radii, strict=True)]
+        results = [
+            _sampled(beyond_border(picture, reach), repeat_border(radius, reach), pupil, sets, reach)
+            for picture, radius in zip(pictures, radii, strict=True)
+        ]
     else:
         results = [
             autograd.scatter(picture.movedim(0, 2), radius, aperture).movedim(2, 0)

@@ -49,6 +49,15 @@ def test_a_full_disk_behind_stdout(picture):
         assert_one_line(program("presets", stdout=full), "No space left")
 
 
+def test_a_full_disk_behind_stderr_loses_notices_only(picture, tmp_path):
+    """Authority: the same command with a log that can be written."""
+    with open("/dev/full", "w") as full:
+        assert program("render", picture, *FLAT, "-o", tmp_path / "a.png", stderr=full)[0] == 0
+        assert program("info", picture.with_name("none.png"), stderr=full)[0] == 1
+    assert program("render", picture, *FLAT, "-o", tmp_path / "b.png")[0] == 0
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
 def test_closed_streams(picture):
     for closed, code in ((1, 0), (2, 0), (0, 0)):
         assert program("info", picture, preexec_fn=lambda number=closed: os.close(number))[0] == code

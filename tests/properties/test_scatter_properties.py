@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.scatter.pyramid_levels import MERGE_ABOVE, scatter_forward
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from bokehnet.errors import ParameterError
 
 few = settings(max_examples=25, deadline=None)

@@ -17,8 +17,11 @@ from bokehnet.synth.dataset import end_with_parent
 __all__ = ["Job", "call"]
 
 # Imported once in the fork server, which runs nothing else.
-_TOOLS = ["bokehnet.cli.app", *(f"train.{name}" for name in ("prepare", "export", "evaluate", "card"))]
-_TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error")]
+_TOOLS = [
+    "bokehnet.cli.app",
+    *(f"train.{name}" for name in ("prepare", "prepare_light", "export", "evaluate", "card")),
+]
+_TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error", "light", "bokehme")]
 
 
 def call(words: Sequence[str], processes: int = 1) -> None:

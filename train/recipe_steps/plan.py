@@ -23,8 +23,11 @@ COMMANDS = {
     "prepare": ("python", "-m", "train.prepare"),
     "repair": ("python", "-m", "train.train_repair"),
     "error": ("python", "-m", "train.train_error"),
+    "prepare_light": ("python", "-m", "train.prepare_light"),
+    "light": ("python", "-m", "train.train_light"),
     "arnet": ("python", "-m", "train.train_arnet"),
     "iunet": ("python", "-m", "train.train_iunet"),
+    "bokehme": ("python", "-m", "train.train_bokehme"),
     "export": ("python", "-m", "train.export"),
     "evaluate": ("python", "-m", "train.evaluate"),
     "card": ("python", "-m", "train.card"),
@@ -34,7 +37,7 @@ COMMANDS = {
 _OUTPUT_OPTION = {"evaluate": "--json"}
 
 # Tools that split their work among processes; the times of the others refer to one core.
-_SHARED = ("synth", "prepare")
+_SHARED = ("synth", "prepare", "prepare_light")
 
 # Paths in a configuration that must be the output of some step.
 _OUTPUT_PATH = re.compile(r"(?<![\w/.-])(data|runs)/.+")
@@ -55,7 +58,20 @@ class Step:
     """
 
     makes: str
-    by: Literal["synth", "prepare", "repair", "error", "arnet", "iunet", "export", "evaluate", "card"]
+    by: Literal[
+        "synth",
+        "prepare",
+        "repair",
+        "error",
+        "prepare_light",
+        "light",
+        "arnet",
+        "iunet",
+        "bokehme",
+        "export",
+        "evaluate",
+        "card",
+    ]
     config: str = ""
     settings: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
@@ -69,7 +85,7 @@ class Step:
     @property
     def trains(self) -> bool:
         """True if the step trains a network."""
-        return self.by in ("repair", "error", "arnet", "iunet")
+        return self.by in ("repair", "error", "light", "arnet", "iunet", "bokehme")
 
     @property
     def shared(self) -> bool:
@@ -116,7 +132,7 @@ class Recipe:
 
     def _reduced(self, step: Step, share: float) -> Step:
         table, counts = self.table(step), {}
-        if step.by == "synth":
+        if step.by in ("synth", "prepare_light"):
             counts = {"scenes": table["scenes"]}
         elif step.trains:
             optim = table["optim"]
@@ -131,7 +147,7 @@ class Recipe:
     def units(self, step: Step) -> int:
         """Return the number of scenes or training steps of a step; 1 for other steps."""
         table = self.table(step)
-        if step.by == "synth":
+        if step.by in ("synth", "prepare_light"):
             return int(table["scenes"])
         if step.by in ("prepare", "evaluate"):
             return sum(self.units(need) for need in self.needs(step) if need.by == "synth")

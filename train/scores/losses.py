@@ -9,11 +9,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from bokehnet.arrays.fusion import fuse
 from bokehnet.errors import ConfigError
-from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import encode
 
-__all__ = ["ERROR_TARGETS", "LossWeights", "arnet_loss", "iunet_loss", "measured_error"]
+__all__ = ["ERROR_TARGETS", "LossWeights", "arnet_loss", "bokehme_loss", "iunet_loss", "measured_error"]
 
 # Derived from the disparity alone, or measured as the error of the classical render.
 ERROR_TARGETS = ("geometric", "measured")
@@ -116,6 +116,30 @@ def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, di
         "neural": _distance(neural, encoded_truth, weight),
         "gradient": LossWeights.gradient * _gradient_l1(neural, encoded_truth, weight),
     }
+    return torch.stack(list(parts.values())).sum(), parts
+
+
+def bokehme_loss(
+    steps: list[tuple[Tensor, Tensor, Tensor]], error_map: Tensor | None = None, target: Tensor | None = None
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Return the loss of BokehMe's networks, on encoded pictures; the published losses are unknown.
+
+    Args:
+        steps: Prediction (B, 3, h, w), truth and target (B, 1, h, w) at each size.
+        error_map: Error map of ARNet, (B, 1, H, W); ``None`` for IUNet.
+        target: Geometric error map, (B, 1, H, W).
+
+    Returns:
+        Sum of the terms, and the terms by name.
+    """
+    rows = []
+    for prediction, truth, near in steps:
+        weight = WEIGHT_OUTSIDE + (1 - WEIGHT_OUTSIDE) * near
+        gradient = LossWeights.gradient * _gradient_l1(prediction, truth, weight)
+        rows.append({"neural": _distance(prediction, truth, weight), "gradient": gradient})
+    parts = {key: torch.stack([row[key] for row in rows]).mean() for key in rows[0]}
+    if error_map is not None and target is not None:
+        parts["error_map"] = LossWeights.error_map * F.mse_loss(error_map, target)
     return torch.stack(list(parts.values())).sum(), parts
 
 

@@ -14,9 +14,8 @@ from time import process_time
 
 import numpy as np
 
-from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, render_views
+from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, render_views, subsample_blur
 from bokehnet.baselines.rays.n_buffers import n_buffers
-from bokehnet.baselines.rays.subsample_blur import subsample_blur
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens
 from train.scores.metrics import encode, psnr, similarity

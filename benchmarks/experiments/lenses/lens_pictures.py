@@ -28,7 +28,7 @@ from bokehnet.raytrace.surfaces.textures import checkers, dead_leaves, fractal_c
 from bokehnet.tools.contact_sheet import contact_sheet
 from train.scores.metrics import edge_pixels, encode, psnr
 
-__all__ = ["main"]
+__all__ = ["LensCase", "main", "score", "trace_case"]
 
 _LENSES = ("double_gauss", "petzval", "retrofocus")
 _FOCUS = 30.0  # focal lengths
@@ -158,7 +158,7 @@ def _trace(scene: Scene, lens: PrescriptionLens, camera: Camera, samples: int, s
     return total / light
 
 
-def _score(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
+def score(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
     """Return the PSNR inside ``mask``, and of the whole picture, dB."""
     squared = (encode(picture) - encode(truth)) ** 2
     return psnr(squared[mask]), psnr(squared)
@@ -176,6 +176,51 @@ def _inner(defocus: np.ndarray, reach: float) -> np.ndarray:
     return inner
 
 
+@dataclass(frozen=True, kw_only=True)
+class LensCase:
+    """Picture through a lens, and the input of a renderer that shall make it.
+
+    Attributes:
+        lens: The lens, focused at 30 focal lengths.
+        pixel_pitch: Pixel pitch, mm.
+        image: Picture of the stopped-down lens, (H, W, 3).
+        defocus: Signed blur radius, pixels, (H, W).
+        truth: Traced picture, (H, W, 3).
+        inner: Pixels out of reach of depth edges and of the border, (H, W).
+        noise: PSNR of the truth's own noise inside ``inner``, and of the whole picture, dB.
+    """
+
+    lens: PrescriptionLens
+    pixel_pitch: float
+    image: np.ndarray
+    defocus: np.ndarray
+    truth: np.ndarray
+    inner: np.ndarray
+    noise: tuple[float, float]
+
+
+def trace_case(name: str, size: tuple[int, int], samples: int) -> LensCase:
+    """Trace the scene through a lens of the catalog; ``samples`` of each wavelength, twice."""
+    lens = load_lens(name, focus_distance=_FOCUS * load_lens(name).focal_length)
+    camera = _camera(lens, *size, lens.prescription.image_radius)
+    scene = _make_scene(lens, camera, np.random.default_rng(5))
+    sharp = Tracer(world_from_scene(scene), dataclasses.replace(camera, lens=_StoppedDown(lens)))
+    image, disparity = sharp.render(64).bokeh.numpy(), sharp.maps().disparity.numpy()
+    defocus = (lens.coc_radius(disparity) / camera.pixel_pitch).astype(np.float32)
+    first, second = (_trace(scene, lens, camera, samples, seed) for seed in (0, 1000))
+    inner = _inner(defocus, 0.012 * camera.width)
+    inside, everywhere = (decibels + 20 * math.log10(2) for decibels in score(first, second, inner))
+    return LensCase(
+        lens=lens,
+        pixel_pitch=camera.pixel_pitch,
+        image=image,
+        defocus=defocus,
+        truth=(first + second) / 2,
+        inner=inner,
+        noise=(inside, everywhere),
+    )
+
+
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -190,15 +235,8 @@ def main() -> None:
     print("PSNR, dB, of sRGB pictures; inner: outside the reach of edges in depth and of the border")
     print(f"{'lens':15s}{'picture':26s}{'inner':>8s}{'all':>8s}")
     for name in arguments.lenses:
-        lens = load_lens(name, focus_distance=_FOCUS * load_lens(name).focal_length)
-        half_diagonal = lens.prescription.image_radius
-        camera = _camera(lens, *arguments.size, half_diagonal)
-        scene = _make_scene(lens, camera, np.random.default_rng(5))
-        sharp = Tracer(world_from_scene(scene), dataclasses.replace(camera, lens=_StoppedDown(lens)))
-        image, disparity = sharp.render(64).bokeh.numpy(), sharp.maps().disparity.numpy()
-        defocus = (lens.coc_radius(disparity) / camera.pixel_pitch).astype(np.float32)
-        first, second = (_trace(scene, lens, camera, arguments.samples, seed) for seed in (0, 1000))
-        truth = (first + second) / 2
+        case = trace_case(name, tuple(arguments.size), arguments.samples)
+        lens, image, truth, defocus, inner = case.lens, case.image, case.truth, case.defocus, case.inner
         aberration_map = fit_aberration_map(lens)
         pictures = {
             "rays, perfect lens": rays(image, defocus),
@@ -209,11 +247,9 @@ def main() -> None:
             ),
             "rays, lens": rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
         }
-        inner = _inner(defocus, 0.012 * camera.width)
-        noise = [score + 20 * math.log10(2) for score in _score(first, second, inner)]
         for label, (inside, everywhere) in {
-            **{key: _score(picture, truth, inner) for key, picture in pictures.items()},
-            "noise of the truth": noise,
+            **{key: score(picture, truth, inner) for key, picture in pictures.items()},
+            "noise of the truth": case.noise,
         }.items():
             print(f"{name:15s}{label:26s}{inside:8.2f}{everywhere:8.2f}", flush=True)
         print(

@@ -1,9 +1,8 @@
 """Measurements of thesis 002: ``python -m benchmarks.experiments.theses.jeong``.
 
 Table 4.1: time over lens samples. 4.4.2: light of the spectrum outside 400 to 700 nm. Figures 5.7 and 5.8:
-merged
-lights, high and low quality, by stage. Figure 5.9: profile textures by the printed mapping and by ours. 3.6:
-levels of detail for motion blur. ``--figures DIR`` writes all as JSON files.
+merged lights, high and low quality, by stage. Figure 5.9: profile textures by the printed mapping and by
+ours. 3.6: levels of detail for motion blur. ``--figures DIR`` writes all as JSON files.
 """
 
 from time import process_time
@@ -18,9 +17,8 @@ from bokehnet.baselines.spread.merged_lights import merge_lights, splat_sources
 from bokehnet.lenses import ThinLens
 from bokehnet.lenses.aberrations.point_spread import correlation, psf_radius, traced_psf
 from bokehnet.lenses.catalog import load_lens
-from bokehnet.lenses.lookup.printed_mappings import equivalent_focus, image_distance
+from bokehnet.lenses.lookup.printed_mappings import printed_row
 from bokehnet.lenses.lookup.profile_texture import profile_psf, profile_row, trace_profile_texture
-from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.optics.spectral import spectrum
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from train.scores.metrics import encode, psnr, similarity
@@ -141,29 +139,12 @@ def profiles() -> dict[str, dict[str, float]]:
             )
             ours = np.array([profile_row(texture, lens, depth, float(nm)) for nm in wavelengths])
             sharpest = profile_row(texture, lens, focus)
-            printed = np.array([_printed_row(lens, depth, focus, float(nm), sharpest) for nm in wavelengths])
+            printed = np.array([printed_row(lens, depth, float(nm), sharpest) for nm in wavelengths])
             rows[f"{name}, {factor:g} of the focus"] = {
                 kind: correlation(traced, profile_psf(texture, plane, colors, pitch, 64))
                 for kind, plane in (("ours", ours), ("printed", printed))
             }
     return rows
-
-
-def _printed_row(
-    lens: PrescriptionLens, depth: float, focus: float, wavelength: float, sharpest: float
-) -> float:
-    """Return the plane of the texture by (5.6) to (5.9); the recorded object is in focus at ``sharpest``."""
-    radius = float(lens.thick.pupil_radius)
-    powers = []
-    for part in (lens.surfaces_at(wavelength), lens.surfaces):
-        glass = [each for each in part if not each.stop]
-        powers.append(
-            sum(float(each.curvature) * (float(each.behind) - float(each.before)) for each in glass)
-        )
-    focal = lens.focal_length
-    at = focal * powers[1] / powers[0]  # (5.8) with its constant, surfaces in contact
-    found = equivalent_focus(depth, focus, focus, focal, radius, at)
-    return sharpest + image_distance(found, focal) - image_distance(focus, focal)
 
 
 def motion() -> dict[str, dict[str, float]]:

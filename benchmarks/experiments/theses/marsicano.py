@@ -2,16 +2,19 @@
 
 3.3: noise of stratified wavelength clusters. 3.4: rings of polishing. 3.10.5: pictures of lights by Seidel
 aberrations against pictures traced through the lens, RMSE and MS-SSIM, with the subsets of three parameters.
-``--figures DIR`` writes all as JSON files.
+6.0.2: rays that fill what motion uncovers. ``--figures DIR`` writes all as JSON files.
 """
 
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from time import process_time
 
 import numpy as np
+import torch
 
 from benchmarks.experiments.theses.bokehlab import report
+from bokehnet.baselines.rays.motion_rays import fill_motion, motion_blur, motion_edges
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.lenses.aberrations.point_spread import aberration_psf, psf_radius, traced_psf
 from bokehnet.lenses.aberrations.polishing import PolishedSurface, polished_psf
@@ -23,6 +26,8 @@ from bokehnet.optics.aberrations.seidel import SeidelCoefficients
 from bokehnet.optics.spectral.spectrum import wavelength_color
 from bokehnet.optics.spectral.wavelength_clusters import cluster_colors, reduced_cluster, stratified_clusters
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
+from bokehnet.scenes.reader import read_scene
+from train.scores.metrics import encode, psnr
 
 _COMMAND = "python -m benchmarks.experiments.theses.marsicano --figures docs/figures"
 
@@ -32,6 +37,8 @@ _PARAMETERS = ("spherical", "coma", "astigmatism", "field_curvature", "distortio
 _IN_BLUR = tuple(name for name in _PARAMETERS if name != "distortion")
 _LENSES = ("biconvex", "cooke_triplet", "double_gauss")
 _SIZE, _RAYS, _WAVELENGTHS = 64, 2000, 8
+# Rays a pixel of motion blur, and of its truth.
+_MOVING_SCENE, _MOTION_RAYS, _MOTION_TRUTH = "configs/scene_balls.toml", 64, 512
 
 
 def clusters() -> dict[str, dict[str, float]]:
@@ -78,6 +85,43 @@ def polishing() -> dict[str, dict[str, float]]:
         distance = np.rint(np.hypot(x, y)).astype(int).ravel()
         light = (np.bincount(distance, psf.ravel()) / np.bincount(distance))[3:27]
         rows[f"grooves of {height:g} nm"] = {"contrast": 100 * float(light.std() / light.mean())}
+    return rows
+
+
+def motion() -> dict[str, dict[str, float]]:
+    """Return quality and processor seconds of motion blur by post-process, by rays, and by both."""
+    scene = read_scene(_MOVING_SCENE, {"camera.width": 240, "camera.height": 160})
+    tracer = scene.tracer()
+    truth = encode(tracer.render(_MOTION_TRUTH).all_in_focus.numpy())
+    still = replace(scene, shutter=0.0).tracer().render(_MOTION_RAYS).all_in_focus.numpy()
+    maps, camera = tracer.maps(), scene.camera
+    velocity = np.array([body.velocity for body in scene.world.bodies] + [(0.0, 0.0, 0.0)])
+    scale = scene.shutter * camera.lens.sensor_distance / camera.pixel_pitch
+    displacement = velocity[maps.body.numpy()][..., :2] * scale / maps.depth.numpy()[..., None]
+    displacement = np.nan_to_num(displacement)
+
+    def traced(pixels: np.ndarray) -> np.ndarray:
+        sums = np.zeros((len(pixels), 3))
+        place = 0
+        for part, values in tracer.trace(torch.from_numpy(pixels), 0, _MOTION_RAYS):
+            sums[place : place + len(part)] = values[..., 3:6].mean(0).numpy()
+            place += len(part)
+        return sums
+
+    everywhere = np.arange(still.shape[0] * still.shape[1])
+    ways = {
+        "post-process": lambda: motion_blur(still, displacement),
+        "with rays at edges of motion": lambda: fill_motion(still, displacement, traced),
+        "rays everywhere": lambda: traced(everywhere).reshape(still.shape),
+    }
+    mask = motion_edges(displacement)
+    rows = {}
+    for name, render in ways.items():
+        start = process_time()
+        picture = render()
+        seconds = process_time() - start
+        error = (encode(np.asarray(picture, np.float32)) - truth) ** 2
+        rows[name] = {"edges": psnr(error[mask]), "psnr": psnr(error), "seconds": seconds}
     return rows
 
 
@@ -195,6 +239,15 @@ _MEASUREMENTS = {
         polishing,
         "disc of 30 px, pixels of 6 micrometres, pupil 60 mm from the sensor, 12 grooves",
         {"contrast": ("RMS contrast of its rings, %", ".1f")},
+    ),
+    "marsicano_motion": (
+        motion,
+        "a rolling ball, 240x160 pixels, pinhole, 64 rays a pixel; edges: pixels that a moving edge reaches",
+        {
+            "edges": ("PSNR at edges", ".2f"),
+            "psnr": ("PSNR", ".2f"),
+            "seconds": ("processor seconds", ".2f"),
+        },
     ),
     "marsicano_seidel": (
         seidel,

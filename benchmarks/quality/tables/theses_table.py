@@ -1,12 +1,16 @@
 """Results of ``benchmarks.quality.theses`` as one table by method, and reasons for missing rows."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.figures import write_figures
 from benchmarks.quality.scenes.fault_probes import FAULTS
 
-__all__ = ["Figures", "merged", "table"]
+__all__ = ["Figures", "merged", "table", "write_tables"]
+
+_COMMAND = "python -m benchmarks.quality.theses --figures docs/figures"
 
 # ``faults`` and ``costs``: method -> values; ``scenes``: scene -> method -> values.
 Figures = dict[str, dict[str, Any]]
@@ -60,6 +64,27 @@ def table(figures: Figures, methods: tuple[str, ...]) -> str:
     for name, command in _NEED_GEOMETRY.items():
         lines.append(f"{name}: no row, as it draws a scene and not a picture; {command} has its own.")
     return "\n".join(lines)
+
+
+def write_tables(folder: Path, figures: Figures, methods: tuple[str, ...], shots: int | None) -> None:
+    """Write ``theses_scenes.json`` and ``theses_faults.json`` with all methods that have every figure."""
+    scenes, costs, faults = (figures[part] for part in ("scenes", "costs", "faults"))
+    columns = {name: (name.split("_", 1)[1].replace("_", " "), ".2f") for name in scenes}
+    columns |= {"edge": ("mean edge", ".2f"), "psnr": ("mean all", ".2f"), "flip": ("FLIP", ".4f")}
+    rows = {}
+    for method in methods:
+        if all(method in scene for scene in scenes.values()):
+            scores = [scene[method] for scene in scenes.values()]
+            means = {key: float(np.mean([row[key] for row in scores])) for key in ("edge", "psnr", "flip")}
+            rows[method] = {name: scene[method]["edge"] for name, scene in scenes.items()} | means
+    conditions = f"means over {shots or 5} shots each, clipped sRGB; PSNR in dB, of a scene at depth steps"
+    write_figures(folder / "theses_scenes.json", _COMMAND, conditions, columns, rows)
+
+    columns = {"seconds": ("processor seconds", ".2f"), "memory": ("bytes per pixel", ".0f")}
+    columns |= {"flicker": ("flicker, %", ".2f")} | {key: (f"{key}, %", "z.1f") for key in FAULTS}
+    rows = {name: costs[name] | faults[name] for name in methods if name in costs and name in faults}
+    conditions = "time and memory at 512x384 pixels, discs up to 16 px; faults on probes"
+    write_figures(folder / "theses_faults.json", _COMMAND, conditions, columns, rows)
 
 
 def _line(cells: list[str]) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import check_above, check_same_size, check_whole
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside
 from bokehnet.errors import ParameterError
 from bokehnet.optics.focus_plane import FocusPlane
 
@@ -64,7 +64,7 @@ def image_space(
     foci: tuple[float, float],
     *,
     count: int = 16,
-    render: Blur = scatter,
+    render: Blur = scatter_inside,
 ) -> ImageSpace:
     """Render the slices.
 

@@ -3,7 +3,7 @@
 Every view is a pinhole picture from a point of the pupil, drawn by a rasteriser with a depth buffer. Three
 optimizations: objects with wide blur are drawn with fewer triangles; views in which an object falls on the
 same pixels share its picture; and each view is blurred by the views between it and its neighbours
-(:mod:`bokehnet.baselines.rays.subsample_blur`).
+(:func:`subsample_blur`).
 
 Faults: an object has a single level of detail, even if its blur varies; shared pictures are shifted by whole
     pixels, so sharp regions are not antialiased.
@@ -18,13 +18,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bokehnet.baselines.rays.n_buffers import radius_bounds
 from bokehnet.checks import check_whole
 from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.lenses.thin import ThinLens
 from bokehnet.optics.sampling import disc_from_square, halton
 
-__all__ = ["MeshObject", "Picture", "Views", "draw", "level_of_detail", "render_views"]
+__all__ = ["MeshObject", "Picture", "Views", "draw", "level_of_detail", "render_views", "subsample_blur"]
+
+# Maximum distance between a ray and a surface that it hits, pixels.
+_HIT_TOLERANCE_PX = 1.0
+
+# Iterations of the bounds of the search range.
+_BOUND_ITERATIONS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -227,3 +234,54 @@ def _groups(
         for bin_index in np.unique(bins, axis=0):
             inside = np.flatnonzero((bins == bin_index).all(axis=1))
             yield detail_level, members[inside[np.argsort(off[inside], kind="stable")]]
+
+
+@njit(cache=True)
+def subsample_blur(light, radius, points, low, high):
+    """Return the mean (H, W, 3) of a view and of rays through pupil points around it.
+
+    The view is a height field. A ray through a point of the pupil hits the surface whose blur displaces it by
+    the distance between ray and pixel. N-buffers bound the blur around each pixel and thus the search range.
+    Rays without a hit use the view's own colour, as a single layer has nothing behind its surfaces.
+
+    Args:
+        light: Picture of the view, (H, W, 3).
+        radius: Signed blur radius of its pixels in pixels, + in front of focus, (H, W).
+        points: Pupil points relative to that of the view, in pupil radii, (S, 2).
+        low: Minima of ``radius`` from :func:`bokehnet.baselines.rays.n_buffers.n_buffers`.
+        high: Maxima of ``radius``.
+
+    Source:
+        Thesis 002, algorithms 3.2 and 3.3.
+    """
+    height, width = radius.shape
+    result = np.empty((height, width, 3))
+    for y in range(height):
+        for x in range(width):
+            min_radius, max_radius = low[-1, 0, 0], high[-1, 0, 0]
+            for _ in range(_BOUND_ITERATIONS):
+                pupil_distance = 0.0
+                for s in range(len(points)):
+                    pupil_distance = max(pupil_distance, math.hypot(points[s, 0], points[s, 1]))
+                reach = int(
+                    math.ceil(pupil_distance * max(abs(min_radius), abs(max_radius)) + _HIT_TOLERANCE_PX)
+                )
+                min_radius, max_radius = radius_bounds(low, high, y, x, reach)
+            for k in range(3):
+                result[y, x, k] = light[y, x, k]
+            for s in range(len(points)):
+                u, v = points[s, 0], points[s, 1]
+                length = math.hypot(u, v)
+                hit_y, hit_x = y, x
+                steps = int(math.ceil((max_radius - min_radius) * max(abs(u), abs(v)))) + 1
+                for step in range(steps + 1):  # the nearest surface first
+                    r = max_radius - (max_radius - min_radius) * step / steps
+                    j, i = y + int(round(r * v)), x + int(round(r * u))
+                    if j < 0 or i < 0 or j >= height or i >= width:
+                        continue
+                    if abs(radius[j, i] - r) * length <= _HIT_TOLERANCE_PX:
+                        hit_y, hit_x = j, i
+                        break
+                for k in range(3):
+                    result[y, x, k] += light[hit_y, hit_x, k]
+    return result / (len(points) + 1)

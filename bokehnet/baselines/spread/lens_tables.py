@@ -22,7 +22,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["defocus_ladder", "lens_spreading", "spread_positions"]
+__all__ = ["defocus_ladder", "lens_spreading", "spread_positions", "traced_tables"]
 
 # Number of positions along the longer side; minimum step of the ladder in pixels, and as a fraction of the
 # radius.
@@ -57,10 +57,6 @@ def lens_spreading(
         Thesis 001, 3.3.2.
     """
     image, defocus, aperture = check_baseline("lens_spreading", "any", image, defocus, aperture)
-    largest = float(np.abs(defocus).max())
-    if largest > _MAX_RADIUS_PX:
-        expected = f"blur radii of at most {_MAX_RADIUS_PX:g} pixels, the maximum of its tables"
-        raise ParameterError("defocus", expected, largest, "use the engine `rays`")
     height, width = defocus.shape
     spacing = max(8.0, (max(height, width) - 1) / (_NUM_POSITIONS - 1))
     columns, rows = (np.unique(np.arange(0, size - 1 + spacing, spacing).round()) for size in (width, height))
@@ -71,7 +67,7 @@ def lens_spreading(
     defocus_step, row, column = (axis.ravel() for axis in np.meshgrid(ladder, rows, columns, indexing="ij"))
     lights = np.ones((len(defocus_step), 8))
     lights[:, 0], lights[:, 1], lights[:, 2] = column, row, defocus_step
-    tables, starts, halves = _tables(aperture, lens_response, lights, (height, width))
+    tables, starts, halves = traced_tables(aperture, lens_response, lights, (height, width))
     sums, weights = np.zeros((height, width, 3)), np.zeros((height, width, 3))
     spread_positions(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights)
     return normalised(sums, weights, image)
@@ -87,10 +83,24 @@ def defocus_ladder(low: float, high: float) -> np.ndarray:
     return steps[first : max(last, first + 1) + 1]
 
 
-def _tables(
+def traced_tables(
     aperture: Aperture, lens_response: LensResponse, lights: np.ndarray, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return square images of points, (pixels, 3), channels of sum 1; their starts, and half their sides."""
+    """Return square images of points, (pixels, 3), channels of sum 1; their starts, and half their sides.
+
+    Args:
+        aperture: Shape of the discs.
+        lens_response: Response of the lens.
+        lights: Points, (N, 8): column, row, defocus in pixels, and 1.
+        shape: Height and width of the picture, pixels.
+
+    Raises:
+        ParameterError: The blur exceeds 64 pixels.
+    """
+    largest = float(np.abs(lights[:, 2]).max())
+    if largest > _MAX_RADIUS_PX * (1 + _RELATIVE_STEP):
+        expected = f"blur radii of at most {_MAX_RADIUS_PX:g} pixels, the maximum of its tables"
+        raise ParameterError("defocus", expected, largest, "use the engine `rays`")
     psf = AberratedPsf(aperture, lens_response, lights, Viewport.whole(*shape).frame)
     halves = np.ceil(psf.margins.max(axis=1)).astype(np.int64) + 1
     middle = lights[:, :2].astype(np.int64)

@@ -133,10 +133,12 @@ def split_picture(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
     progress: Callable[[float], None] | None = None,
+    rays_mask: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[Layers, MixedPixels]:
     """Return the layers of :func:`split_layers` and the mixed pixels with their surfaces.
 
-    ``progress`` receives the completed fraction of the work, 0 to 1.
+    ``progress`` receives the completed fraction of the work, 0 to 1. ``rays_mask``: pixels that send rays,
+    (H, W); where none of these arrives, the occluded background is only a mean of its surroundings.
     """
     report = progress or _ignore_fraction
     image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
@@ -148,7 +150,7 @@ def split_picture(
     report(_UNMIXED_FRACTION)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
-    hidden, behind = occluded_background(own, sharp, reach)
+    hidden, behind = occluded_background(own, sharp, reach, rays_mask=rays_mask)
     del own
     mixed = _with_one_behind(mixed, behind)
     is_last = mixed.is_slight | ~mixed.is_front
@@ -159,7 +161,7 @@ def split_picture(
     surfaces = [(image, sharp), (hidden, behind)]
     hides = behind < sharp - DISCONTINUITY_THRESHOLD
     if hides.any():
-        deepest, beyond = occluded_background(hidden, behind, reach, hides)
+        deepest, beyond = occluded_background(hidden, behind, reach, hides, rays_mask)
         with parallel_region:
             if _remove_shallow_layer(sharp, behind, beyond):
                 surfaces.append((deepest, beyond))

@@ -183,14 +183,20 @@ def scatter_forward(
 
 
 def scatter_backward(
-    values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, operator: ScatterOperator = DISC
+    values: np.ndarray,
+    defocus: np.ndarray,
+    grad_sums: np.ndarray,
+    operator: ScatterOperator = DISC,
+    *,
+    viewport: Viewport | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the adjoint of :func:`scatter_forward`; ``grad_sums`` is the gradient of the sums, (H, W, C).
 
     Returns:
         Gradients of the values (H, W, C) and of the defocus (H, W).
     """
-    level = _Level((values.shape[0], values.shape[1]), 1.0)
+    viewport = viewport or Viewport.whole(values.shape[0], values.shape[1])
+    level = _Level((viewport.height, viewport.width), 1.0, (viewport.left, viewport.top))
     grad_values, grad_defocus = [], np.zeros_like(defocus)
     for group, gradient in zip(split_channels(values.copy()), split_channels(grad_sums), strict=True):
         group_values, group_defocus = _backward(group, defocus.copy(), gradient, operator, level)

@@ -27,7 +27,7 @@ def cuda_unavailable_reason() -> str | None:
 
 
 def scatter_on(device: str) -> Callable[..., Any]:
-    """Return :func:`bokehnet.classical.scatter_renderer.scatter` for a torch device.
+    """Return :func:`bokehnet.classical.scatter_renderer.scatter_inside` for a torch device.
 
     Args:
         device: Device, such as ``cuda``. ``cpu`` runs the same operations, slowly, for tests.

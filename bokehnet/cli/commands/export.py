@@ -14,7 +14,7 @@ __all__ = ["export"]
 @click.option(
     "--engine",
     default="fast",
-    help="Engine: fast, neural (better and slower), or rays (best at depth edges).",
+    help="Engine: fast, neural (better and slower), rays (best at depth edges), or bokehme (baseline).",
 )
 @click.option(
     "--weights",

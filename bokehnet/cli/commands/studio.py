@@ -23,7 +23,11 @@ _COMMON = COMMON_OPTIONS | {
 
 @click.command(cls=SectionedCommand, common=_COMMON)
 @argument(
-    "image", required=False, metavar="[IMAGE]", help="All-in-focus picture; can also be dropped on the page."
+    "image",
+    required=False,
+    metavar="[IMAGE]",
+    help="All-in-focus picture; can also be dropped on the page. "
+    "Or a 3-D scene, TOML: orbit, focus and change the lens.",
 )
 @click.option(
     "--preset", metavar="NAME|FILE.toml", help="Initial preset.", shell_complete=completion(presets)
@@ -52,23 +56,35 @@ def studio(
         raise MissingExtraError(
             f"bokehnet studio needs {error.name}, which is not installed: pip install 'bokehnet[studio]'"
         ) from error
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # runs the cleanup of `serve`
+    if image is not None and Path(image).suffix.lower() == ".toml":
+        from bokehnet.studio.scene_preview.app import make_scene_app
+        from bokehnet.studio.scene_preview.session import SceneSession
+
+        if option_values or preset or settings:
+            raise ParameterError(
+                "image",
+                "a picture for settings of a render",
+                shown=f"the scene {image}",
+                remedy="change lens and focus on the page, or in the file",
+            )
+        scene = SceneSession(Path(image))
+        serve(scene, make_scene_app, port=int(port or 0), browser=not no_browser, tell=_tell)
+        return
+    from bokehnet.studio.app import make_app
     from bokehnet.studio.session import Session
 
     session = Session()
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # runs the cleanup below
     try:
         if image is not None:
             click.echo(f"bokehnet: opening {image}", err=True)
             session.open(Path(image), resolved)
         session.preset = preset if preset in presets() else ""
         session.start()
-        serve(
-            session,
-            port=int(port or 0),
-            browser=not no_browser,
-            tell=lambda address: click.echo(
-                f"bokehnet studio: {address}\nOnly this machine can reach it. Press Ctrl-C to stop."
-            ),
-        )
+        serve(session, make_app, port=int(port or 0), browser=not no_browser, tell=_tell)
     finally:
         session.close()
+
+
+def _tell(address: str) -> None:
+    click.echo(f"bokehnet studio: {address}\nOnly this machine can reach it. Press Ctrl-C to stop.")

@@ -4,6 +4,7 @@ Only headers are read, and no kernels are imported, so that mistakes are reporte
 """
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
@@ -13,19 +14,19 @@ from bokehnet.io.formats.heif import heif_size, is_heif
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
 from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
-from bokehnet.io.overwrite_guard import check_overwrite
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.render.output import check_output
-from bokehnet.scene.camera import complete_camera, merged_camera
-from bokehnet.scene.depth.depth_source import EmbeddedDepth, MetricDepth, depth_source
-from bokehnet.scene.depth.explicit_depth import map_camera
+from bokehnet.scene.depth.depth_source import EmbeddedDepth, depth_source
 from bokehnet.scene.focus_checks import check_focus, check_pixels
 from bokehnet.sequence.sequence import input_files
 from bokehnet.settings.settings import EngineSettings, RenderSettings
 
 __all__ = ["check_inputs", "check_job", "picture_header"]
+
+# Formats that compress with loss.
+_LOSSY = (".jpg", ".jpeg", ".webp", ".hdr", ".avif", ".heic", ".heif")
 
 
 def check_job(image: Path, output: Path, settings: RenderSettings) -> None:
@@ -60,11 +61,54 @@ def check_job(image: Path, output: Path, settings: RenderSettings) -> None:
     with errors.collect():
         try:
             inputs, is_reduced = input_files(settings).values(), settings.input.supersampled > 1
-            check_overwrite(output, image, inputs, reduced=is_reduced)
+            _check_overwrite(output, image, inputs, reduced=is_reduced)
         except ParameterError as error:
             raise error.renamed("--output") from error
     errors.raise_all()
     _check_maps_folder(settings.output.save_maps)
+
+
+def _check_overwrite(output: Path, picture: Path, others: Iterable[Path], *, reduced: bool = False) -> None:
+    """Raise unless the result may be written at ``output``; only headers are read.
+
+    Args:
+        output: File to write.
+        picture: File of the picture. An EXR may be overwritten, since everything else in the file is kept;
+            PNG and TIFF if they have 8 bits, like the output.
+        others: All other input files, such as maps.
+        reduced: True if the result is smaller than the picture.
+
+    Raises:
+        ParameterError: ``output`` is an input that must not be overwritten.
+    """
+    if not output.exists():
+        return
+    if any(_is_same_file(output, other) for other in others) and not _is_same_file(output, picture):
+        raise _overwrite_error(output, "is read for this picture")
+    if not _is_same_file(output, picture):
+        return
+    if output.suffix.lower() in _LOSSY:
+        raise _overwrite_error(output, "is the picture itself, which would be compressed with loss once more")
+    if reduced:
+        raise _overwrite_error(output, "is the picture itself, which is larger")
+    try:
+        with ImageFile(picture) as file:
+            deep = find_picture(file).part.deep
+            wide = file.headers is None and any(name != "uint8" for name in file.parts[0].formats)
+            other = file.headers is None and output.suffix.lower() == ".exr"
+    except ImageFileError:  # reported when the picture is read
+        return
+    if deep or wide or other:
+        content = "deep samples" if deep else "another format" if other else "more than 8 bits per channel"
+        raise _overwrite_error(output, f"is the picture itself, which holds {content}")
+
+
+def _is_same_file(one: Path, other: Path) -> bool:
+    return other.exists() and one.samefile(other)
+
+
+def _overwrite_error(output: Path, reason: str) -> ParameterError:
+    return ParameterError("output", f"another name: {output} {reason}", remedy="write to a new file")
 
 
 def _check_device(engine: EngineSettings) -> None:
@@ -96,9 +140,9 @@ def check_inputs(image: Path, settings: RenderSettings) -> Window:
 
     Raises:
         ImageFileError: A file is missing or damaged.
-        ParameterError: A pixel in focus lies outside the picture, or data of the camera are missing.
+        ParameterError: A pixel in focus lies outside the picture.
     """
-    window, camera = picture_header(image)
+    window = picture_header(image)[0]
     for name, path in input_files(settings).items():
         if name != "depth_model":
             check_intact(path)
@@ -106,10 +150,6 @@ def check_inputs(image: Path, settings: RenderSettings) -> Window:
     with errors.collect():
         if not isinstance(source, EmbeddedDepth):  # a phone's original may have another size
             check_pixels(settings.focus, window, settings.input.supersampled)
-    with errors.collect():
-        if isinstance(source, MetricDepth) and settings.input.depth is not None:
-            known = merged_camera(camera, map_camera(settings.input.depth))
-            complete_camera(settings.camera, known, source.origin)
     errors.raise_all()
     return window
 

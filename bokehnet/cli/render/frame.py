@@ -1,7 +1,7 @@
 """Frames: jobs with their files, checks before rendering, and the rendering of one frame."""
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,21 +9,23 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from bokehnet.cli.progress import stages, write_above
-from bokehnet.cli.render.checks import check_job
+from bokehnet.cli.render.checks import check_job, picture_header
 from bokehnet.cli.render.large_blur import confirm_large_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
+from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.image import read_image
+from bokehnet.io.maps import picture_depth_channel
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import gives_metric_depth
-from bokehnet.scene.focus_checks import check_focus
+from bokehnet.scene.focus_checks import check_focus, check_frames_aperture
 from bokehnet.scene.scene import FocusedScene, read_scene
 from bokehnet.sequence.frame_names import existing_frames, frame_path, is_pattern
 from bokehnet.sequence.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
@@ -111,7 +113,16 @@ def frame_jobs(
             )
         one.check()
         check_focus(one.settings, automatic=len(jobs) == 1)
+    if len(jobs) > 1:
+        _check_aperture(next(iter(jobs.values())))
     return jobs
+
+
+def _check_aperture(first: FrameJob) -> None:
+    """See :func:`check_frames_aperture`; files that cannot be read are reported with their frame."""
+    with suppress(ImageFileError):
+        own_depth = not is_heif(first.image) and picture_depth_channel(first.image) is not None
+        check_frames_aperture(first.settings, picture_header(first.image)[1], own_depth=own_depth)
 
 
 def context_jobs(
@@ -190,8 +201,6 @@ def _jobs_of(
     job: FrameJob, sequence: SequenceSettings, frames: Sequence[int], path: Sequence[TrackedPoint]
 ) -> dict[int, FrameJob]:
     base = job.settings
-    if is_pattern(job.image) and base.highlights.threshold == "auto":  # estimates flicker between frames
-        base = base.updated({"highlights": {"threshold": "off", "strength": 1.0}})
     metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(sequence.frames or (), sequence, metric=metric, path=path)
     maps = base.output.save_maps
@@ -253,7 +262,7 @@ def render_frame(
         check_output(job.output, job.settings.output, scenes[0].frame)
         times.append(perf_counter())
         report = begin("depth")
-        focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
+        focused = renderer.prepare(job.shot.lit(scenes.pop()), job.settings, report, plan=job.shot.plan)
     times.append(perf_counter())
     report = begin("rendering")
     if warn:

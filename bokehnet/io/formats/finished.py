@@ -11,6 +11,9 @@ from bokehnet.io.pixels import ImageFile
 
 __all__ = ["is_finished"]
 
+# Zero bytes at the end of a compressed picture that were never written: WebP decodes them without an error.
+_MAX_ZERO_BYTES = 32
+
 
 def is_finished(path: Path, source: Path | None = None, reduction: int = 1) -> bool:
     """Return whether a picture file is whole and readable, so that it need not be rendered again.
@@ -27,6 +30,8 @@ def is_finished(path: Path, source: Path | None = None, reduction: int = 1) -> b
         return False
     if path.suffix.lower() in WHOLE_EXTENSIONS:
         return _has_whole_boxes(path)
+    if path.suffix.lower() == ".webp" and _ends_in_zeros(path):
+        return False
     size = _size(path)
     if size is None or not _has_last_rows(path):
         return False
@@ -35,6 +40,12 @@ def is_finished(path: Path, source: Path | None = None, reduction: int = 1) -> b
         return True
     same = (expected, expected[::-1])
     return any(abs(size[0] * reduction - w) < reduction > abs(size[1] * reduction - h) for w, h in same)
+
+
+def _ends_in_zeros(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _MAX_ZERO_BYTES))
+        return not any(file.read())
 
 
 def _size(path: Path) -> tuple[int, int] | None:

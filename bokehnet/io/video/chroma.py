@@ -31,6 +31,8 @@ class PixelFormat:
         matrix: Matrix coefficients of H.273; 2 if unspecified.
         full: True if values use their full range; otherwise luma is 16 to 235, in 8 bits.
 
+    Formats without chroma are grey.
+
     Examples:
         >>> grey = np.full((4, 4, 3), 0.5, np.float32)
         >>> planes = PixelFormat(bits=10, halved=(True, True), matrix=1, full=False).planes(grey)
@@ -45,12 +47,14 @@ class PixelFormat:
 
     @classmethod
     def named(cls, name: str, matrix: int, full: bool) -> "PixelFormat":
-        """Return the format with this FFmpeg name, such as yuv420p10le.
+        """Return the format with this FFmpeg name, such as yuv420p10le or gray16le.
 
         Raises:
-            ImageFileError: The format does not have planes of luma and chroma of 8 to 16 bits.
+            ImageFileError: The format is not grey and does not have planes of luma and chroma.
         """
         kind = name.removesuffix("le").replace("yuvj", "yuv")
+        if kind.startswith("gray") and (kind[4:] or "8").isdigit():
+            return cls(bits=int(kind[4:] or 8), halved=(False, False), matrix=matrix, full=full)
         chroma, _, bits = kind.removeprefix("yuv").partition("p")
         halves = {"420": (True, True), "422": (True, False), "444": (False, False)}
         if not kind.startswith("yuv") or chroma not in halves or not (bits or "8").isdigit():
@@ -69,6 +73,8 @@ class PixelFormat:
         (low, white), (middle, span) = self._scales()
         height, width = luma.shape
         y = (luma - low) / white
+        if not chroma:
+            return np.repeat(y[..., None], 3, 2)
         blue, red = ((self._upsample(plane, height, width) - middle) / span for plane in chroma)
         kr, kb = self._luma_weights(height)
         r, b = y + 2 * (1 - kr) * red, y + 2 * (1 - kb) * blue

@@ -46,6 +46,9 @@ _MAX_TINT, _TINT_STRIDE_PX = 0.05, 4
 # writes four blocks before it compares their number: past the end of shorter rows, into other memory.
 _MIN_CUTREE_WIDTH_PX = 49
 
+# FFmpeg's unit of durations; difference of durations, in frames, that rounding and pauses do not explain.
+_MICROSECONDS, _MAX_MISSING_FRAMES = 1e6, 2.0
+
 VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
 
 # FFmpeg's encoder and its options by name. Without B-frames, time stamps rise in the order of writing, and
@@ -76,6 +79,7 @@ class VideoInfo:
         timecode: Timecode of the first frame; empty if absent.
         aspect: Width of a stored pixel over its height.
         display: Transformation from the stored to the shown picture.
+        notes: Warnings about the file, one line each.
     """
 
     path: Path
@@ -91,6 +95,7 @@ class VideoInfo:
     timecode: str = ""
     aspect: Fraction = Fraction(1)
     display: DisplayMatrix = IDENTITY
+    notes: tuple[str, ...] = ()
 
     @property
     def stored_size(self) -> tuple[int, int]:
@@ -137,8 +142,10 @@ def video_info(path: Path | str, color_space: str = "auto") -> VideoInfo:
         tags = (context.color_primaries, context.color_trc, context.colorspace)
         primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
         # An edit list makes packets before its start invisible.
-        packets = [packet for packet in container.demux(stream) if packet.size and not packet.is_discard]
-        times = sorted(packet.pts for packet in packets if packet.pts is not None)
+        packets = [packet for packet in container.demux() if packet.size and packet.pts is not None]
+        times = sorted(
+            packet.pts for packet in packets if packet.stream_index == stream.index and not packet.is_discard
+        )
         if not times:
             raise ImageFileError(f"{path}: expected a video, found no pictures in it")
         display = _display_matrix(path)
@@ -146,6 +153,7 @@ def video_info(path: Path | str, color_space: str = "auto") -> VideoInfo:
         timecodes = [stream.metadata.get("timecode"), container.metadata.get("timecode")]
         timecodes += [other.metadata.get("timecode") for other in container.streams]
         timecodes += [container.metadata.get("TIMECODE")]
+        value_range = int(context.color_range or 0)
         info = VideoInfo(
             path=Path(path),
             width=context.height if turned else context.width,
@@ -156,13 +164,29 @@ def video_info(path: Path | str, color_space: str = "auto") -> VideoInfo:
             rate=stream.average_rate or Fraction(25),
             pixels=context.pix_fmt,
             codes=(primaries, transfer, matrix),
-            full=int(context.color_range or 0) == 2,
+            # FFmpeg's grey has the full range unless it is marked as limited.
+            full=value_range == 2 or (value_range == 0 and context.pix_fmt.startswith("gray")),
             space=INPUT_COLOR_SPACES.get(color_space) or coded_space(path, primaries, transfer) or SRGB,
             timecode=next(filter(None, timecodes), "") or "",
             aspect=stream.sample_aspect_ratio or context.sample_aspect_ratio or Fraction(1),
+            notes=_end_note(path, container, packets, stream),
         )
-    _ = info.bits
+    try:
+        _ = info.bits
+    except ImageFileError as error:
+        raise ImageFileError(f"{path}: {error}") from error
     return info
+
+
+def _end_note(path: Path | str, container: Any, packets: list[Any], stream: Any) -> tuple[str, ...]:
+    """Return a warning if the streams end before the duration in the header, as those of a file cut off."""
+    if container.duration is None:
+        return ()
+    end = max(float((packet.pts + (packet.duration or 0)) * packet.time_base) for packet in packets)
+    missing = ((container.start_time or 0) + container.duration) / _MICROSECONDS - end
+    if missing < _MAX_MISSING_FRAMES / float(stream.average_rate or 25):
+        return ()
+    return (f"{path}: ends {missing:.2f} s before the duration in its header; it may be cut off",)
 
 
 def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
@@ -269,12 +293,12 @@ def target_pixels(info: VideoInfo, codec: str) -> str:
 
     The resolution of chroma is kept, except that ProRes has 4:2:2 at least; so are up to 10 bits.
     """
-    planar = _planar(info.pixels).replace("yuvj", "yuv")
+    planar = _planar(info.pixels).replace("yuvj", "yuv").replace("gray", "yuv444p")
     if codec == "ffv1":
         return planar
     chroma = planar.removeprefix("yuv")[:3]
     if codec == "prores":
-        return "yuv444p10le" if chroma == "444" and info.pixels != "gray" else "yuv422p10le"
+        return "yuv444p10le" if chroma == "444" and not info.pixels.startswith("gray") else "yuv422p10le"
     if info.pixels.startswith("gray"):
         chroma = "420"
     return f"yuv{chroma}p10le" if info.bits > 8 and codec == "h265" else f"yuv{chroma}p"
@@ -450,9 +474,7 @@ def _display_matrix(path: Path | str) -> DisplayMatrix:
 
 
 def _planar(name: str) -> str:
-    return {"nv12": "yuv420p", "p010le": "yuv420p10le", "gray": "yuv444p", "gray10le": "yuv444p10le"}.get(
-        name, name
-    )
+    return {"nv12": "yuv420p", "p010le": "yuv420p10le"}.get(name, name)
 
 
 def _reason(error: Exception) -> str:

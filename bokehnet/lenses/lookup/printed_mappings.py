@@ -11,7 +11,12 @@ table sampling", IEEE Transactions on Visualization and Computer Graphics 2022. 
 ``docs/method/theses_formulas.md``.
 """
 
-__all__ = ["circle_of_confusion", "equivalent_focus", "image_distance"]
+from collections.abc import Sequence
+
+from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.surface_trace import Surface
+
+__all__ = ["circle_of_confusion", "equivalent_focus", "image_distance", "printed_row"]
 
 
 def image_distance(distance: float, focal_length: float) -> float:
@@ -49,3 +54,28 @@ def equivalent_focus(
     """
     radius = circle_of_confusion(distance, focus, focal_length_at or focal_length, lens_radius)
     return focal_length * (lens_radius + radius) / (radius + lens_radius * focal_length / reference_distance)
+
+
+def printed_row(lens: PrescriptionLens, depth: float, wavelength: float, sharpest: float) -> float:
+    """Return the plane of a profile texture, mm, of a depth (mm) and a wavelength (nm) by (5.6) to (5.9).
+
+    The recorded object is in focus.
+
+    Args:
+        lens: Lens of the texture, focused at a finite distance.
+        depth: Depth of the object, mm.
+        wavelength: Wavelength, nm.
+        sharpest: Plane of the texture that shows the object in focus, mm.
+    """
+    focal, focus = lens.focal_length, lens.focus_distance
+    # (5.8) with its constant: the power of the glass surfaces in contact.
+    focal_at = focal * _power_in_contact(lens.surfaces) / _power_in_contact(lens.surfaces_at(wavelength))
+    equivalent = equivalent_focus(
+        depth, focus, focus, focal, float(lens.thick.pupil_radius), focal_length_at=focal_at
+    )
+    return sharpest + image_distance(equivalent, focal) - image_distance(focus, focal)
+
+
+def _power_in_contact(surfaces: Sequence[Surface]) -> float:
+    glass = [surface for surface in surfaces if not surface.stop]
+    return sum(float(each.curvature) * (float(each.behind) - float(each.before)) for each in glass)

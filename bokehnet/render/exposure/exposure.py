@@ -54,7 +54,7 @@ def expose(
     """Blur a scene and apply the effects of the camera.
 
     Args:
-        scene: Result of :func:`bokehnet.render.preparation.prepare`.
+        scene: Result of :func:`bokehnet.scene.preparation.preparation.prepare`.
         settings: Checked settings of the render.
         engine: Engine of the settings.
         optics: Aperture, lens and camera of the settings.

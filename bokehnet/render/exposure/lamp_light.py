@@ -9,8 +9,9 @@ from bokehnet.effects.glare import Glare
 from bokehnet.effects.lamps import Lamps, find_lamps
 from bokehnet.io.window import Window
 from bokehnet.optics.aperture import Aperture
-from bokehnet.render.look import lens_of_picture, make_highlights
+from bokehnet.render.look import make_highlights
 from bokehnet.scene.focus import FocusedLens
+from bokehnet.scene.prescription import lens_of_picture
 from bokehnet.settings.settings import RenderSettings
 
 __all__ = ["add_lamp_light", "lamps_of"]

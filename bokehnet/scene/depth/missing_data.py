@@ -178,7 +178,8 @@ def filled_map(
     count = int(holey.sum())
     if not count:
         return values, (), missing.notes
-    share = f"{100 * count / values.size:.2g} %"
+    percent = 100 * count / values.size
+    share = f"{percent:.2g} %" if percent < 99.5 else f"{percent:.5g} %"
     kinds = ", ".join(f"{number} {kind}" for kind, number in missing.counts.items() if number)
     row, column = (int(index) for index in np.argwhere(holey)[0])
     fact = f"{name}: no data at {count} pixels ({share}: {kinds}), first at x={column}, y={row}"

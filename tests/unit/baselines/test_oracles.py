@@ -13,7 +13,7 @@ from bokehnet import baselines
 from bokehnet.baselines.apertures import psf_image, radius_ladder
 from bokehnet.baselines.gather.basic_gather import random_number
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
-from bokehnet.baselines.spread.lens_tables import _tables, defocus_ladder
+from bokehnet.baselines.spread.lens_tables import defocus_ladder, traced_tables
 from bokehnet.baselines.spread.lommel_spots import WAVELENGTHS, lommel_table
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -340,7 +340,7 @@ def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
     ladder = defocus_ladder(float(defocus.min()), float(defocus.max()))
     lights = np.ones((len(ladder) * 12, 8))
     lights[:, :3] = [(column, row, rung) for rung in ladder for row in rows for column in columns]
-    tables, starts, halves = _tables(Aperture(), response, lights, (height, width))
+    tables, starts, halves = traced_tables(Aperture(), response, lights, (height, width))
     sums = np.zeros((height, width, 6))
     for y, x in np.ndindex(height, width):
         rung = float(defocus[y, x])
@@ -352,6 +352,35 @@ def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
                     light = up * down * right * np.concatenate([image[y, x], np.ones(3)])
                     add(sums, np.dstack([table, table]), y, x, light)
     found = baselines.lens_spreading(image, defocus, lens_response=response)
+    assert np.abs(found - sums[..., :3] / sums[..., 3:]).max() < 1e-5
+
+
+def test_profile_spreading_mixes_the_ring_means_of_two_blurs():
+    """Rings of half a pixel about the point on the axis; nothing changes over the picture."""
+    image, defocus = (array[:13, :17] for array in scene())
+    response = LensResponse(chromatic_aberration=ChromaticAberration(axial=1, lateral=1))
+    ladder = defocus_ladder(float(defocus.min()), float(defocus.max()))
+    lights = np.ones((len(ladder), 8))
+    lights[:, :3] = [(8, 6, rung) for rung in ladder]
+    tables, starts, halves = traced_tables(Aperture(), response, lights, defocus.shape)
+    profiles = []
+    for start, half in zip(starts, halves, strict=True):
+        side = 2 * half + 1
+        table = tables[start : start + side**2].reshape(side, side, 3)
+        rings = {}
+        for v, u in np.ndindex(side, side):
+            rings.setdefault(round(2 * math.hypot(v - half, u - half)), []).append(table[v, u])
+        profile = [
+            [np.mean(rings[round(2 * math.hypot(v - half, u - half))], axis=0) for u in range(side)]
+            for v in range(side)
+        ]
+        profiles.append(np.array(profile))
+    sums = np.zeros((*defocus.shape, 6))
+    for y, x in np.ndindex(defocus.shape):
+        for k, up in mixed(ladder, float(defocus[y, x])):
+            light = up * np.concatenate([image[y, x], np.ones(3)])
+            add(sums, np.dstack([profiles[k], profiles[k]]), y, x, light)
+    found = baselines.profile_spreading(image, defocus, lens_response=response)
     assert np.abs(found - sums[..., :3] / sums[..., 3:]).max() < 1e-5
 
 

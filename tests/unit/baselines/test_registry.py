@@ -18,6 +18,9 @@ from bokehnet.tools.comparison import compare_engines
 
 NAMES = [*BASELINES]
 
+# Methods without networks, which would estimate even a uniform picture.
+EXACT = [name for name in NAMES if name != "bokehme"]
+
 # Which test of this folder writes each method out, pixel by pixel.
 ORACLES = {
     "gather_basic": "test_gathers.test_basic_gather_is_the_first_listing_with_its_mean_corrected",
@@ -39,8 +42,10 @@ ORACLES = {
     "spread_pixel_layers": "spread.test_layered_spreading."
     "test_pixel_layers_are_sorted_by_the_surface_of_the_pixel",
     "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
+    "profile_spreading": "test_oracles.test_profile_spreading_mixes_the_ring_means_of_two_blurs",
     "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
     "bokehme_scatter": "spread.test_spreading.test_the_published_scatter_is_its_double_loop",
+    "bokehme": "spread.test_bokehme.test_numpy_torch_and_onnx_agree",
 }
 
 
@@ -53,14 +58,14 @@ def scene(height=33, width=41):
     return image, defocus
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EXACT)
 def test_one_colour_stays_one_colour(name):
     _, defocus = scene()
     image = np.full((*defocus.shape, 3), (0.2, 0.5, 3.0), np.float32)
     assert np.allclose(getattr(baselines, name)(image, defocus), image, rtol=2e-3)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EXACT)
 def test_what_is_in_focus_stays_as_it_is(name):
     image, defocus = scene()
     bokeh = getattr(baselines, name)(image, np.zeros_like(defocus))
@@ -87,7 +92,7 @@ def test_what_a_method_does_not_know_is_refused(name):
         getattr(baselines, name),
         LensResponse(chromatic_aberration=ChromaticAberration(axial=1)),
     )
-    if name != "lens_spreading":
+    if name not in ("lens_spreading", "profile_spreading"):
         with pytest.raises(ParameterError, match=r"^engine: expected one that supports aberrations"):
             Engine(name).render(image, defocus, options=RenderOptions(lens_response=fringes))
     with pytest.raises(ParameterError, match=r"^max_memory: expected None"):

@@ -8,7 +8,7 @@ import pytest
 
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.rays_renderer import rays, render_rays
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aperture import Aperture
 

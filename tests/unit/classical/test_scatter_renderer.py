@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.base import make_classical
 from bokehnet.classical.scatter.oracle import scatter_reference
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aperture import Aperture
 

@@ -42,6 +42,16 @@ def test_strips_cover_every_row_once():
         assert (strip.last - strip.first) <= 600
 
 
+@pytest.mark.parametrize(("max_rows", "count"), [(700, 2), (570, 3), (400, 6)])
+def test_strips_read_about_equally_many_rows(max_rows, count):
+    """Rows of a strip with halos, by arithmetic: (1000 + 2 (n - 1) halo) / n, and alignment of both ends."""
+    strips = [*cut_strips(1000, 80, 10, "rays", max_rows * 80 * CLASSICAL["rays"].bytes_per_pixel)]
+    rows = [strip.last - strip.first for strip in strips]
+    assert len(strips) == count
+    assert max(rows) <= max_rows
+    assert max(rows) - min(rows[:-1]) <= 2 * ALIGNED
+
+
 @pytest.mark.parametrize(
     ("reach", "most"),
     [(39, 1.0), (98, 1.5), (138, 2.0), (403, None)],

@@ -21,6 +21,17 @@ def test_a_file_is_finished_only_if_it_is_whole(tmp_path, extension):
         assert not is_finished(cut), fraction
 
 
+@pytest.mark.parametrize("extension", [".jpg", ".png", ".tif", ".exr", ".webp", ".jxl"])
+def test_space_that_was_reserved_and_not_written_is_not_finished(tmp_path, extension):
+    """Authority: the writer; a file system that loses power keeps the length, with zeros in place of data."""
+    path = tmp_path / f"reserved{extension}"
+    write_image(path, PICTURE)
+    data = path.read_bytes()
+    kept = len(data) // 3
+    path.write_bytes(data[:kept] + bytes(len(data) - kept))
+    assert not is_finished(path)
+
+
 def test_a_file_of_another_size_is_not_finished(tmp_path):
     for name, picture in (("source.png", PICTURE), ("same.exr", PICTURE), ("other.png", PICTURE[:39])):
         write_image(tmp_path / name, picture)

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("onnx", reason="needs onnx, of the extra train")
 
 from bokehnet.classical.scatter_renderer import render_scatter
-from bokehnet.classical.scatter_renderer import scatter as package_scatter
+from bokehnet.classical.scatter_renderer import scatter_inside as package_scatter
 from bokehnet.onnx_file.scatter import scatter, scatter_beyond
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps
 

@@ -23,11 +23,11 @@ from bokehnet.render.look import (
     make_highlights,
     make_lens_response,
     picture_aberrations,
-    prescription_lens,
 )
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.camera import LensNumbers
 from bokehnet.scene.focus import FocusedLens
+from bokehnet.scene.prescription import prescription_lens
 from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,

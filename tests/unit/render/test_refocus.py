@@ -10,9 +10,9 @@ from numpy.testing import assert_array_equal
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ParameterError
-from bokehnet.render.picture_cache import PictureCache, array_digest
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DefocusMap, MetricDepth, RelativeDisparity
+from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
 from bokehnet.scene.scene import make_scene
 from bokehnet.settings.settings import FocusSettings, RenderSettings
 

@@ -11,7 +11,8 @@ from bokehnet.io.window import Window
 from bokehnet.scene.blur_strength import completed_blur
 from bokehnet.scene.depth.depth_map import DepthMap
 from bokehnet.scene.focus import focus_lens
-from bokehnet.settings.settings import CameraSettings, FocusSettings
+from bokehnet.scene.focus_checks import check_frames_aperture
+from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
 WINDOW = Window.whole(900, 600)
 RAMP = np.tile(np.linspace(0, 1, 9, dtype=np.float32), (6, 1))
@@ -94,10 +95,45 @@ def test_a_photo_without_an_f_number_gets_one_of_that_strength():
     assert radii(photo(stated), CameraSettings(), FocusSettings())[0].assumptions == ()
 
 
-def test_depth_of_a_file_still_needs_its_camera():
-    depth = DepthMap(values=0.001 / np.ones((2, 3), np.float32), kind="metric", origin="input.depth")
-    with pytest.raises(ParameterError, match="camera data"):
-        focus_lens(depth, Window.whole(3, 2), FocusSettings(distance=2), CameraSettings(focal_length=50))
+def depth_file():
+    metres = np.tile(np.linspace(1, 4, 9, dtype=np.float32), (6, 1))
+    return DepthMap(values=0.001 / metres, kind="metric", origin="input.depth")
+
+
+def test_depth_without_a_camera_gets_a_normal_lens_on_full_frame():
+    """Authority: 50 mm on a diagonal of 43.27 mm, and 4 % of the longer side; both are stated."""
+    lens, defocus = radii(depth_file(), CameraSettings(), FocusSettings(distance=1))
+    assert np.abs(defocus).max() == pytest.approx(0.04 * 900, rel=0.1)
+    assert lens.assumptions[0] == "50 mm on full frame"
+    assert "the file has no f-number" in lens.assumptions[1]
+    assert lens.camera.focal_length == 50
+    assert lens.camera.sensor_width == pytest.approx(math.hypot(36, 24) * 900 / math.hypot(900, 600))
+
+
+def test_a_known_part_of_the_view_is_kept():
+    lens = radii(depth_file(), CameraSettings(f_number=2, sensor_width=18), FocusSettings(distance=1))[0]
+    assert (lens.camera.f_number, lens.camera.sensor_width) == (2, 18)
+    assert lens.camera.focal_length == pytest.approx(25, rel=1e-3)  # the same view
+    assert lens.assumptions == ("25 mm on a sensor 18 mm wide",)
+    lens = radii(depth_file(), CameraSettings(f_number=2, focal_length=35), FocusSettings(distance=1))[0]
+    assert lens.assumptions == ("35 mm on full frame",)
+
+
+def test_a_strength_of_metric_depth_is_its_fraction_of_the_longer_side():
+    defocus = radii(depth_file(), CameraSettings(strength=100), FocusSettings(distance=1))[1]
+    assert np.abs(defocus).max() == pytest.approx(0.08 * 900, rel=0.1)
+    assert not radii(depth_file(), CameraSettings(strength=0), FocusSettings(distance=1))[1].round(1).any()
+    with pytest.raises(ParameterError, match="f_number"):
+        radii(depth_file(), CameraSettings(strength=50, f_number=2), FocusSettings(distance=1))
+
+
+def test_frames_share_one_f_number():
+    settings = RenderSettings(focus=FocusSettings(distance=1))
+    for changed in (settings, settings.updated({"camera": {"strength": 30}, "input": {"depth": "z.npy"}})):
+        with pytest.raises(ParameterError, match="one for all frames"):
+            check_frames_aperture(changed, None, own_depth=True)
+    check_frames_aperture(settings, Camera(f_number=2), own_depth=True)
+    check_frames_aperture(settings, None, own_depth=False)
 
 
 def test_focus_at_infinity_is_allowed_with_an_f_number():

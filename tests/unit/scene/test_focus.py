@@ -127,7 +127,11 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
             "camera.f_number",
             "does not apply to `input.disparity` with `camera.strength`",
         ),
-        ({"input": DEPTH, "camera": CameraSettings(strength=50)}, "camera.strength", "does not apply"),
+        (
+            {"input": DEPTH, "camera": CameraSettings(strength=50, f_number=2)},
+            "camera.f_number",
+            "does not apply to `input.depth` with `camera.strength`",
+        ),
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(range=(0.5, 1.5))},
             "focus.range",

@@ -330,13 +330,14 @@ def test_the_redirect_page_opens_only_the_page(client):
 def test_the_token_is_in_a_private_page_not_in_the_command_line(tmp_path, session, monkeypatch):
     pytest.importorskip("uvicorn", reason="needs the extra studio")
     from bokehnet.studio import server
+    from bokehnet.studio.app import make_app
 
     opened, said = [], []
     monkeypatch.setattr(server.webbrowser, "open", opened.append)
     monkeypatch.setattr(server.threading, "Timer", lambda seconds, call, words: Immediate(call, words))
     monkeypatch.setattr(server.uvicorn.Server, "run", lambda *_, **__: None)
     monkeypatch.setattr(session, "close", lambda: None)
-    server.serve(session, tell=said.append)
+    server.serve(session, make_app, tell=said.append)
     token = said[0].rstrip("/").rpartition("/")[2]
     assert token not in opened[0]
     page = Path(opened[0].removeprefix("file://"))

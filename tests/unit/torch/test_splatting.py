@@ -6,6 +6,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the extra torch")
 
 from bokehnet.classical.scatter_renderer import scatter as numba_scatter  # noqa: E402
+from bokehnet.classical.scatter_renderer import scatter_inside  # noqa: E402
+from bokehnet.engines.engine import Engine  # noqa: E402
 from bokehnet.optics.aperture import Aperture, transmission  # noqa: E402
 from bokehnet.torch import SmoothAperture, scatter  # noqa: E402
 from bokehnet.torch.aperture import pupil_samples  # noqa: E402
@@ -64,3 +66,18 @@ def test_vmap_equals_a_loop():
     aperture = SmoothAperture(blades=5)
     mapped = torch.func.vmap(lambda x: scatter(x, defocus, aperture, samples=4))(image)
     torch.testing.assert_close(mapped, torch.stack([scatter(x, defocus, aperture, samples=4) for x in image]))
+
+
+def test_a_lamp_at_the_border_has_the_light_of_the_engine():
+    """Authority: the engine in NumPy, whose picture continues beyond its border."""
+    rng = np.random.default_rng(3)
+    image = rng.random((30, 41, 3), np.float32)
+    image[:3, 10:13] = 40.0  # a lamp, whose border pixels are not repeated
+    image[:, 0] = 5.0  # a line along a side
+    defocus = np.full((30, 41), 6.4, np.float32)
+    expected = Engine("scatter").render(image, defocus).bokeh
+    tensors = torch.from_numpy(image).movedim(2, 0)[None], torch.from_numpy(defocus)[None, None]
+    np.testing.assert_allclose(scatter(*tensors)[0].movedim(0, 2).numpy(), expected, rtol=2e-5, atol=2e-5)
+    sampled = scatter(*tensors, SmoothAperture())[0].movedim(0, 2).numpy()
+    inside = scatter_inside(image, defocus)
+    assert np.abs(sampled - expected).mean() < 0.6 * np.abs(inside - expected).mean()

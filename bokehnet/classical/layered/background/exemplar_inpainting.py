@@ -17,7 +17,12 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.layered.background.inpainting_order import OccludedRings
-from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD, are_one_surface
+from bokehnet.classical.layered.background.structure_transport import tiles_around
+from bokehnet.classical.layered.depth_discontinuities import (
+    DISCONTINUITY_THRESHOLD,
+    STEP_TILE,
+    are_one_surface,
+)
 from bokehnet.classical.simd.float8 import LANES, abs8, broadcast8, less8, load8, select8, sum8
 from bokehnet.kernels import njit
 
@@ -63,6 +68,12 @@ _SIMILARITY_SCALE, _SIMILARITY_SLACK = 2e-3, 0.5
 
 # Distance from the edge, in whole pixels, beyond which no texture is inpainted.
 MAX_TEXTURE_DISTANCE_PX = 12
+
+# Maximum distance of a source from the nearest occluded pixel, tiles: the radius of the first search, and as
+# much again for the refinement of one source into the next.
+_MAX_SOURCE_DISTANCE_TILES = math.ceil(
+    2 * (_SEARCH_DISTANCES * MAX_TEXTURE_DISTANCE_PX + _SEARCH_MARGIN_PX) / STEP_TILE
+)
 
 # Blur radius of the occluded surface, pixels, beyond which its texture is invisible.
 _MAX_BLUR_RADIUS_PX = 10.0
@@ -115,8 +126,8 @@ def _patch_distance(roots, defocus, size, v, u, patch, known):
 
 
 @njit(cache=True)
-def _is_candidate(defocus, lights, depth, y, x, v, u):
-    """Return whether (v, u) shows the surface occluded at (y, x), no light, and has a complete patch."""
+def _is_candidate(defocus, lights, active_tiles, depth, y, x, v, u):
+    """Return whether (v, u) shows the surface occluded at (y, x), no light, and has a known patch."""
     height, width = defocus.shape
     if (
         not (
@@ -126,6 +137,12 @@ def _is_candidate(defocus, lights, depth, y, x, v, u):
         or lights[v, u]
     ):
         return False
+    for row in range(2):
+        for column in range(2):
+            corner_y = v + (2 * row - 1) * _PATCH_RADIUS_PX
+            corner_x = u + (LANES - _PATCH_RADIUS_PX - 1 if column else -_PATCH_RADIUS_PX)
+            if not active_tiles[corner_y // STEP_TILE, corner_x // STEP_TILE]:
+                return False
     return are_one_surface(defocus[v, u], depth, math.sqrt((v - y) ** 2 + (u - x) ** 2))
 
 
@@ -186,7 +203,22 @@ def _set_mean(image, places, costs, count, lowest, y, x, filled):
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, roots, defocus, depths, distances, lights, ys, xs, ends, rings, colors, sources, filled):
+def _fill(
+    image,
+    roots,
+    active_tiles,
+    defocus,
+    depths,
+    distances,
+    lights,
+    ys,
+    xs,
+    ends,
+    rings,
+    colors,
+    sources,
+    filled,
+):
     """Set occluded pixels of ``filled``, ring by ring; ``sources``: the best match of each, -1 if none."""
     height, width = defocus.shape
     max_candidates = _PROPAGATED + _RANDOM_CANDIDATES + len(_REFINEMENT_RADII_PX)
@@ -236,7 +268,7 @@ def _fill(image, roots, defocus, depths, distances, lights, ys, xs, ends, rings,
                         u = centre_x + int(
                             math.floor((2.0 * (right - math.floor(right)) - 1.0) * radius + 0.5)
                         )
-                    if not _is_candidate(defocus, lights, depths[y, x], y, x, v, u):
+                    if not _is_candidate(defocus, lights, active_tiles, depths[y, x], y, x, v, u):
                         continue
                     cost = _patch_distance(flat_roots, flat_defocus, (height, width), v, u, patch, known)
                     if cost == np.inf:
@@ -251,12 +283,13 @@ def _fill(image, roots, defocus, depths, distances, lights, ys, xs, ends, rings,
 
 
 @njit(cache=True, parallel=True)
-def _roots(image, roots):
-    """Fill ``roots`` with the square roots of light, (3, H, W)."""
+def _roots(image, active_tiles, roots):
+    """Fill ``roots`` with the square roots of light in tiles, (3, H, W)."""
     for y in prange(image.shape[0]):
         for x in range(image.shape[1]):
-            for c in range(3):
-                roots[c, y, x] = math.sqrt(max(image[y, x, c], 0.0))
+            if active_tiles[y // STEP_TILE, x // STEP_TILE]:
+                for c in range(3):
+                    roots[c, y, x] = math.sqrt(max(image[y, x, c], 0.0))
 
 
 def inpaint_texture(
@@ -286,9 +319,12 @@ def inpaint_texture(
     """
     roots, filled = np.empty((3, *defocus.shape), image.dtype), np.empty_like(image)
     sources = np.empty((*defocus.shape, 2), np.int32)
-    _roots(image, roots)
+    near = hidden.ends[min(MAX_TEXTURE_DISTANCE_PX, len(hidden.ends) - 1)]
+    active_tiles = np.zeros([-(-size // STEP_TILE) for size in defocus.shape], np.bool_)
+    tiles_around(hidden.ys[:near], hidden.xs[:near], _MAX_SOURCE_DISTANCE_TILES, active_tiles)
+    _roots(image, active_tiles, roots)
     _fill(
-        *(image, roots, defocus, depths, distances, lights),
+        *(image, roots, active_tiles, defocus, depths, distances, lights),
         *(
             hidden.ys,
             hidden.xs,

@@ -22,6 +22,11 @@ class OccludedRings(NamedTuple):
     ends: np.ndarray
     rings: np.ndarray
 
+    def within(self, distance: int) -> "OccludedRings":
+        """Return the pixels up to a distance from the edge, pixels."""
+        ends = self.ends[: distance + 1]
+        return OccludedRings(self.ys[: ends[-1]], self.xs[: ends[-1]], ends, self.rings)
+
 
 def occluded_rings(distances: np.ndarray) -> OccludedRings:
     """Sort occluded pixels by distance; ``distances`` is (H, W), pixels, 0 where nothing is occluded."""

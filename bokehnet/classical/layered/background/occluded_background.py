@@ -36,6 +36,12 @@ _SMOOTHING_REACH_PX = 2
 # certain they are to continue.
 _FADING_DISTANCE_PX = 16.0
 
+# Distance from the edge, pixels, beyond which lines have less than 1 / 140 of the weight and are left out.
+_MAX_LINE_DISTANCE_PX = int(5 * _FADING_DISTANCE_PX)
+
+# Distance, in pixels beyond the disc of an occluded pixel, from which smaller layers read it.
+_READING_MARGIN_PX = 16
+
 # Upper bound of the brightness of lines over the mean around them: brighter lines are lamps, which end.
 _MAX_LINE_BRIGHTNESS = 2.5
 
@@ -178,6 +184,40 @@ def _fill(image, defocus, lights, steps, reached, colors, depths, nearest):
             depths[y, x] = min(depth / total, defocus[y, x])
 
 
+@njit(cache=True)
+def _tile_distances(mask):
+    """Return the Chebyshev distance of each tile of ``STEP_TILE`` pixels from one with a set pixel, tiles."""
+    height, width = mask.shape
+    rows, columns = -(-height // STEP_TILE), -(-width // STEP_TILE)
+    distances = np.full((rows, columns), rows + columns)
+    for y in range(height):
+        for x in range(width):
+            if mask[y, x]:
+                distances[y // STEP_TILE, x // STEP_TILE] = 0
+    for sign in (1, -1):  # two passes: from the top left, then from the bottom right
+        for line in range(rows):
+            row = line if sign > 0 else rows - 1 - line
+            for index in range(columns):
+                column = index if sign > 0 else columns - 1 - index
+                for down, right in ((0, -sign), (-sign, -1), (-sign, 0), (-sign, 1)):
+                    v, u = row + down, column + right
+                    if 0 <= v < rows and 0 <= u < columns:
+                        distances[row, column] = min(distances[row, column], distances[v, u] + 1)
+    return distances
+
+
+@njit(cache=True, parallel=True)
+def _remove_unseen(depths, tile_distances, distances):
+    """Set ``distances`` to 0 where no ray of a pixel of the mask of ``tile_distances`` can arrive."""
+    height, width = depths.shape
+    for y in prange(height):
+        for x in range(width):
+            if distances[y, x] > 0:
+                apart = (tile_distances[y // STEP_TILE, x // STEP_TILE] - 1) * STEP_TILE
+                if apart > abs(depths[y, x]) + _READING_MARGIN_PX:
+                    distances[y, x] = 0
+
+
 @njit(cache=True, parallel=True)
 def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths):
     """Average the occluded background, (N), over its surface around, to remove streaks of directions."""
@@ -251,6 +291,7 @@ def occluded_background(
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
     inpainted: npt.NDArray[np.bool_] | None = None,
+    rays_mask: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Estimate the background behind each foreground, as far inwards from its edge as rays can see.
 
@@ -271,6 +312,7 @@ def occluded_background(
         max_coc_radius: Half-width in pixels of the surroundings that a light must exceed; default: the
             largest radius.
         inpainted: Pixels to inpaint, (H, W); behind others only the means are computed. Default: all.
+        rays_mask: Pixels that send rays, (H, W): only what these can reach is inpainted. Default: all.
 
     Returns:
         Colors (H, W, 3) and defocus (H, W). Where nothing is occluded they equal the inputs.
@@ -299,6 +341,9 @@ def occluded_background(
     del steps
     if inpainted is not None:
         distances[~inpainted] = 0
+    if rays_mask is not None:
+        with parallel_region:
+            _remove_unseen(depths, _tile_distances(rays_mask), distances)
     occluded = occluded_rings(distances)
     ys, xs = occluded.ys, occluded.xs
     if not len(ys):
@@ -309,9 +354,11 @@ def occluded_background(
         _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
         _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
-        lines = continue_lines(image, defocus, lights, depths, occluded, colors)
+        near = occluded.within(_MAX_LINE_DISTANCE_PX)
+        ys, xs = near.ys, near.xs
+        lines = continue_lines(image, defocus, lights, depths, near, colors)
         _limit_lines(ys, xs, colors, lines)
-        textures = inpaint_texture(image, defocus, lights, depths, distances, occluded, lines)
+        textures = inpaint_texture(image, defocus, lights, depths, distances, near, lines)
         _blend_inpainted(ys, xs, distances, lines, textures, colors)
         _limit_brightness(ys, xs, limit, colors)
     return colors, depths

@@ -18,7 +18,7 @@ from bokehnet.classical.layered.background.inpainting_order import OccludedRings
 from bokehnet.classical.layered.depth_discontinuities import STEP_TILE, are_one_surface
 from bokehnet.kernels import njit
 
-__all__ = ["continue_lines"]
+__all__ = ["continue_lines", "tiles_around"]
 
 # Half-width of the window for colors and directions, pixels.
 _WINDOW_REACH_PX = 3
@@ -52,10 +52,16 @@ _CHUNK_PIXELS = 256
 
 
 @njit(cache=True, parallel=True)
-def _brightness(image, result):
-    """Fill ``result`` with the mean of the square roots of light."""
+def _brightness(image, active_tiles, result):
+    """Fill ``result`` with the mean of the square roots of light in tiles and one pixel around them."""
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
+            v, u = min(y + 1, result.shape[0] - 1) // STEP_TILE, min(x + 1, result.shape[1] - 1) // STEP_TILE
+            top, left = max(y - 1, 0) // STEP_TILE, max(x - 1, 0) // STEP_TILE
+            if not (
+                active_tiles[top, left] or active_tiles[top, u] or active_tiles[v, left] or active_tiles[v, u]
+            ):
+                continue
             red, green = math.sqrt(max(image[y, x, 0], 0.0)), math.sqrt(max(image[y, x, 1], 0.0))
             result[y, x] = (red + green + math.sqrt(max(image[y, x, 2], 0.0))) / 3.0
 
@@ -88,12 +94,14 @@ def _structure(brightness, defocus, lights, active_tiles, tensors):
 
 
 @njit(cache=True)
-def _tiles_around(ys, xs, tiles):
-    """Mark the tiles of pixels, and adjacent tiles."""
+def tiles_around(ys, xs, reach, tiles):
+    """Mark the tiles of pixels, and those up to ``reach`` tiles away, in (rows, columns)."""
     for i in range(len(ys)):
         row, column = ys[i] // STEP_TILE, xs[i] // STEP_TILE
-        for v in range(max(0, row - 1), min(tiles.shape[0], row + 2)):
-            for u in range(max(0, column - 1), min(tiles.shape[1], column + 2)):
+        if i > 0 and row == ys[i - 1] // STEP_TILE and column == xs[i - 1] // STEP_TILE:
+            continue
+        for v in range(max(0, row - reach), min(tiles.shape[0], row + reach + 1)):
+            for u in range(max(0, column - reach), min(tiles.shape[1], column + reach + 1)):
                 tiles[v, u] = True
 
 
@@ -209,10 +217,10 @@ def continue_lines(
     """
     ys, xs, ends, rings = hidden
     brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
-    _brightness(image, brightness)
     tiles = tuple(-(-size // STEP_TILE) for size in image.shape[:2])
     active_tiles = np.zeros(tiles, np.bool_)
-    _tiles_around(ys, xs, active_tiles)
+    tiles_around(ys, xs, 1, active_tiles)
+    _brightness(image, active_tiles, brightness)
     _structure(brightness, defocus, lights, active_tiles, tensors)
     lines, carried = np.empty_like(image), np.empty_like(image)  # set and read at occluded pixels only
     _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, lines, carried)

@@ -122,23 +122,47 @@ def _average(sums, y, x, group, level, window):
 
 
 @njit(cache=True, parallel=True)
-def _halve(sums, smaller):
-    """Fill ``smaller`` with the sums over 2x2 of ``sums``; values beyond the border are 0."""
+def _halve(sums, occupied, smaller, smaller_occupied):
+    """Add the sums over 2x2 of ``sums`` to ``smaller``; values beyond the border are 0.
+
+    Args:
+        sums: Sums of pixels or blocks.
+        occupied: Pixels or blocks that sent rays; the sums of others are 0, (rows, columns) bool.
+        smaller: Sums of half the size, 0.
+        smaller_occupied: Output, ``occupied`` of half the size.
+    """
     height, width = sums.shape[:2]
     for y in prange(smaller.shape[0]):
         for x in range(smaller.shape[1]):
-            smaller[y, x] = 0.0
+            smaller_occupied[y, x] = False
             for v in range(2 * y, min(2 * y + 2, height)):
                 for u in range(2 * x, min(2 * x + 2, width)):
-                    _add_pixel(sums, v, u, 1.0, smaller[y, x])
+                    if occupied[v, u]:
+                        smaller_occupied[y, x] = True
+                        _add_pixel(sums, v, u, 1.0, smaller[y, x])
+
+
+@njit(cache=True, forceinline=True)
+def _any_around(mask, y, x):
+    """Return whether a mask is set at a position or next to it."""
+    is_set = False
+    for v in range(max(0, y - 1), min(mask.shape[0], y + 2)):
+        for u in range(max(0, x - 1), min(mask.shape[1], x + 2)):
+            is_set = is_set or mask[v, u]
+    return is_set
 
 
 @njit(cache=True, parallel=True)
-def _fill_windows(sums, level, windows, fitting):
-    """Fill windows around all blocks of a level: all groups for the front, then the group behind, alone."""
+def _fill_windows(sums, occupied, level, windows, fitting):
+    """Fill windows around blocks of a level: all groups for the front, then the group behind, alone.
+
+    Pixels read the windows of blocks next to their own: only those next to an ``occupied`` one are filled.
+    """
     for y in prange(sums.shape[0]):
         window = np.empty(sums.shape[2:])
         for x in range(sums.shape[1]):
+            if not _any_around(occupied, y, x):
+                continue
             for i in range(2):
                 window[:] = 0.0
                 _add_pixel(sums, y, x, 1.0, window)
@@ -277,13 +301,15 @@ def resolve(
     """
     levels = _levels(radius)
     windows, fitting, blocks = [], [], sums
+    occupied = rays_mask[first : first + len(sums)]
     for level in range(1, _MAX_LEVELS + 1):
         shape = ((len(blocks) + 1) // 2, (blocks.shape[1] + 1) // 2) if level <= levels else (0, 0)
-        smaller = np.empty((*shape, *sums.shape[2:]), np.float32)
+        smaller = np.zeros((*shape, *sums.shape[2:]), np.float32)
+        smaller_occupied = np.empty(shape, np.bool_)
         windows.append(np.empty((*shape, GROUPS + 1, sums.shape[3]), np.float32))
         fitting.append(np.empty((*shape, 2), np.bool_))
-        _halve(blocks, smaller)
-        _fill_windows(smaller, level, windows[-1], fitting[-1])
-        blocks = smaller
+        _halve(blocks, occupied, smaller, smaller_occupied)
+        _fill_windows(smaller, smaller_occupied, level, windows[-1], fitting[-1])
+        blocks, occupied = smaller, smaller_occupied
     outputs = (result, disocclusion_weight)
     _resolve(sums, tuple(windows), tuple(fitting), rays_mask, first, top, bottom, *outputs)

@@ -100,7 +100,7 @@ def decided_jobs(
 
 
 def _with_shot(jobs: Mapping[int, FrameJob], shot: Shot) -> dict[int, FrameJob]:
-    return {frame: replace(job, shot=shot) for frame, job in jobs.items()}
+    return {frame: replace(job, shot=shot.for_frame(frame)) for frame, job in jobs.items()}
 
 
 def _depth_files(job: FrameJob) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ import pytest
 from bokehnet.baselines.gather.scatter_as_you_gather import jimenez
 from bokehnet.baselines.rays.breda_compositing import combined_factor, in_focus_diameter, split_fields
 from bokehnet.baselines.rays.selective_rays import selective_rays
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from tests.unit.baselines.rays.test_selective_rays import LENS, PITCH, pinhole, rms, trace_rays, truth
 
 

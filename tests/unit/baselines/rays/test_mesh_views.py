@@ -5,9 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, draw, level_of_detail, render_views
+from bokehnet.baselines.rays.mesh_views import (
+    MeshObject,
+    Picture,
+    draw,
+    level_of_detail,
+    render_views,
+    subsample_blur,
+)
 from bokehnet.baselines.rays.n_buffers import n_buffers, radius_bounds
-from bokehnet.baselines.rays.subsample_blur import subsample_blur
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import ThinLens
 

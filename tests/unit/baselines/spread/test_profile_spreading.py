@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from bokehnet.baselines.spread.profile_spreading import plane_of_blur, profile_spreading
+from bokehnet.baselines.spread.profile_spreading import plane_of_blur, texture_spreading
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.aberrations.point_spread import correlation, traced_psf
+from bokehnet.lenses.lookup.printed_mappings import circle_of_confusion
 from bokehnet.lenses.lookup.profile_texture import profile_row, trace_profile_texture
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
@@ -30,7 +31,7 @@ def test_a_light_on_the_axis_is_its_traced_image(depth):
     radius = float(LENS.coc_radius(1 / depth)) / PITCH
     image = np.zeros((65, 65, 3), np.float32)
     image[32, 32] = 100.0
-    made = profile_spreading(image, np.full((65, 65), radius, np.float32), TEXTURE, LENS, PITCH)
+    made = texture_spreading(image, np.full((65, 65), radius, np.float32), TEXTURE, LENS, PITCH)
     wavelengths, colors = WavelengthSampling().sample(12)
     traced = traced_psf(
         LENS,
@@ -48,4 +49,25 @@ def test_a_light_on_the_axis_is_its_traced_image(depth):
 
 def test_a_pitch_of_zero_is_an_error():
     with pytest.raises(ParameterError, match="pixel_pitch"):
-        profile_spreading(np.zeros((4, 4, 3)), np.zeros((4, 4)), TEXTURE, LENS, 0.0)
+        texture_spreading(np.zeros((4, 4, 3)), np.zeros((4, 4)), TEXTURE, LENS, 0.0)
+
+
+@pytest.mark.parametrize("depth", [2200.0, 5000.0])
+def test_the_printed_plane_has_the_disc_of_the_thin_lens(depth):
+    """Authority: (5.7), the disc on a sensor that is as far from the sharp image as the plane."""
+    radius = float(LENS.coc_radius(1 / depth))
+    sharpest = LENS.sensor_position - LENS.gaussian_focus
+    plane = plane_of_blur(TEXTURE, LENS, radius, 587.6, "printed") - sharpest
+    focal, focus, lens_radius = LENS.focal_length, LENS.focus_distance, float(LENS.thick.pupil_radius)
+    image = focal * focus / (focus - focal)
+    disc = circle_of_confusion(depth, focus, focal, lens_radius)
+    # The recorded object, in focus at `image`, on a sensor at `image + plane`.
+    assert lens_radius * plane / image == pytest.approx(disc, rel=0.02)
+
+
+def test_the_printed_mapping_needs_a_finite_focus():
+    lens = load_lens("double_gauss", focus_distance=np.inf)
+    with pytest.raises(ParameterError, match=r"^lens: expected a lens with a finite focus"):
+        texture_spreading(np.zeros((4, 4, 3)), np.zeros((4, 4)), TEXTURE, lens, 0.1, mapping="printed")
+    with pytest.raises(ParameterError, match="mapping"):
+        texture_spreading(np.zeros((4, 4, 3)), np.zeros((4, 4)), TEXTURE, LENS, 0.1, mapping="thin")

@@ -34,9 +34,12 @@ def test_gradients_through_merged_levels_match_finite_differences():
     assert torch.autograd.gradcheck(scatter, (image.requires_grad_(), defocus.requires_grad_()))
 
 
-@pytest.mark.parametrize("size", [17.0, -37.0])
+@pytest.mark.parametrize("size", [17.3, -15.6])
 def test_gradient_for_the_size_of_the_blur_is_the_difference_quotient(size):
-    """K, focus and aperture size act through the defocus: the slope of a loss along one of them."""
+    """K, focus and aperture size act through the defocus: the slope of a loss along one of them.
+
+    At whole radii the continuation beyond the border grows by a pixel, so the loss has a small jump there.
+    """
     generator = torch.Generator().manual_seed(3)
     image = torch.rand(40, 37, 3, dtype=torch.float64, generator=generator)
     target = torch.rand(40, 37, 3, dtype=torch.float64, generator=generator)

@@ -105,8 +105,33 @@ def test_what_a_codec_cannot_keep_is_refused_by_name(tmp_path):
         choose_codec(tmp_path / "out.mp4", odd, None)
     with pytest.raises(BokehnetError, match="for 10 bits"):
         choose_codec(tmp_path / "out.mp4", deep, "h264")
-    with pytest.raises(BokehnetError, match="yuva420p, which have alpha"):
+    with pytest.raises(BokehnetError, match=r"alpha\.mkv: expected .* yuva420p, which have alpha"):
         video_info(tmp_path / "alpha.mkv")
+
+
+@pytest.mark.parametrize("pixels", ["gray", "gray10le", "gray12le", "gray16le"])
+def test_grey_videos_of_any_depth_are_disparity(tmp_path, pixels):
+    """Authority: the values that were stored, full range, as FFmpeg defines its grey formats."""
+    levels = np.tile(np.linspace(0, 255, 47).astype(np.uint8)[None, :, None], (31, 1, 3))
+    with av.open(str(tmp_path / "map.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=24)
+        stream.width, stream.height, stream.pix_fmt = 47, 31, pixels
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(levels, "rgb24").reformat(format=pixels)))
+        container.mux(stream.encode(None))
+    info = video_info(tmp_path / "map.mkv")
+    assert info.full
+    np.testing.assert_allclose(next(read_luma(info))[7], levels[7, :, 0] / 255, atol=6e-4)
+    assert target_pixels(info, "ffv1").startswith("yuv444p")
+
+
+def test_a_file_that_was_cut_off_is_noted(tmp_path):
+    """Authority: the duration that the muxer wrote into the header of the whole file."""
+    write(tmp_path / "whole.mkv", frames=24)
+    data = (tmp_path / "whole.mkv").read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(data[: len(data) // 2])
+    assert video_info(tmp_path / "whole.mkv").notes == ()
+    (note,) = video_info(tmp_path / "cut.mkv").notes
+    assert "before the duration in its header; it may be cut off" in note
 
 
 def test_a_still_video_has_no_transformation(tmp_path):

@@ -38,6 +38,22 @@ def test_of_two_things_the_one_that_counts_is_filled_as_both_would_be():
     assert np.abs(one[0][48:] - both[0][48:]).max() > 1e-3  # means, no lines
 
 
+def test_what_no_ray_reaches_is_only_a_mean_of_its_surroundings():
+    """A ray arrives no farther from its pixel than the blur radius of what it meets: 4 pixels."""
+    image, defocus, _ = scene()
+    image, defocus = (np.concatenate([x] * 3) for x in (image, defocus))
+    rays_mask = np.zeros(defocus.shape, bool)
+    rays_mask[:48] = True
+    whole, seen = (
+        occluded_background(image, defocus),
+        occluded_background(image, defocus, rays_mask=rays_mask),
+    )
+    means = occluded_background(image, defocus, inpainted=rays_mask)
+    np.testing.assert_array_equal(seen[0][:96], whole[0][:96])  # within 16 pixels: smaller layers read there
+    np.testing.assert_array_equal(seen[0][96:], means[0][96:])
+    assert np.abs(seen[0][96:] - whole[0][96:]).max() > 1e-3
+
+
 def test_what_is_not_hidden_stays():
     image, defocus, inside = scene()
     colors, depths = occluded_background(image, defocus)

@@ -78,6 +78,20 @@ def test_rows_depend_on_no_more_than_their_halo():
     np.testing.assert_array_equal(result[96:128], whole[96:128])
 
 
+@pytest.mark.parametrize("radius", [48.0, 150.0, 500.0])
+def test_pixels_that_send_no_rays_change_no_window(radius):
+    """Sums of 0 add nothing: a mask of all pixels is the oracle of one of those that sent rays."""
+    rng = np.random.default_rng(5)
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[20:37, 3:90] = mask[120:122, 200:] = mask[200:, 100:101] = True
+    mask &= rng.random(mask.shape) < 0.8
+    sums = sums_of(BACK_GROUP, rng.random((SIZE, SIZE, 3), dtype=np.float32), radius)
+    sums[~mask] = 0
+    result, weight = np.zeros((SIZE, SIZE, 3), np.float32), np.zeros((SIZE, SIZE), np.float32)
+    resolve(sums, mask, 0, 0, SIZE, result, weight, radius)
+    np.testing.assert_array_equal(result[mask], resolved(sums, radius)[mask])
+
+
 def test_large_discs_are_not_averaged_with_small_ones():
     """Left half black with discs of 192 pixels, right half white with discs of 5."""
     radius = np.full((SIZE, SIZE), 192.0, np.float32)

@@ -15,21 +15,21 @@ from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.light.recovery import RecoveredLight
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
-from bokehnet.render.exposure.supersampling import (
-    at_rendered_size,
-    rendered_surfaces,
-    settings_in_fine_pixels,
-)
-from bokehnet.render.look import copy_tilt_gradient
-from bokehnet.render.picture_cache import PictureCache, array_digest
-from bokehnet.render.recovered_light import recovered_light
-from bokehnet.scene.black_bars import BlackBars, find_black_bars
+from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
 from bokehnet.scene.focus_checks import check_nothing_to_focus
 from bokehnet.scene.fringes import fringe_surfaces
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
+from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
+from bokehnet.scene.preparation.recovered_light import bars_of, recovered_light
+from bokehnet.scene.preparation.rendered_size import (
+    at_rendered_size,
+    rendered_surfaces,
+    settings_in_fine_pixels,
+)
+from bokehnet.scene.prescription import copy_tilt_gradient
 from bokehnet.scene.scene import (
     FocusedScene,
     Scene,
@@ -151,7 +151,7 @@ def _prepare_picture(
     if scene.depth.kind != "defocus":  # before the slow repair
         fine = settings_in_fine_pixels(settings, scene.supersampled)
         check_lens(scene.depth, scene.window, fine.focus, fine.camera)
-    bars = None if _words_of_layout(settings.input) else _bars_of(scene)
+    bars = bars_of(scene, settings.input)
     if bars is not None:
         original = scene = replace(
             scene,
@@ -187,8 +187,9 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
+    sums = None if scene.light_sums is None else array_digest(scene.light_sums)
     light = cache.get(
-        ("light", *key, settings.highlights.threshold, settings.highlights.strength),
+        ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
         lambda: recovered_light(scene, final.values, settings.highlights, bars),
         lambda light: light.image if light.fraction else np.zeros(0),
     )
@@ -317,13 +318,6 @@ def _focus_again(picture: _Picture, settings: RenderSettings, **changes: Any) ->
 def _pixel_shape(aspect: float) -> tuple[str, ...]:
     """Return words for the summary about pixels that are not square."""
     return () if aspect == 1 else (f"pixels {aspect:.3g} times as wide as high",)
-
-
-def _bars_of(scene: Scene) -> BlackBars | None:
-    """Return the black bars of an opaque picture without further information about its edges."""
-    is_plain = scene.known is None and scene.matte is None and scene.depth.layers is None
-    is_plain = is_plain and scene.alpha is None
-    return find_black_bars(scene.image) if is_plain and scene.supersampled == 1 else None
 
 
 def _words_of(bars: BlackBars | None) -> tuple[str, ...]:

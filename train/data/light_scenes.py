@@ -1,8 +1,9 @@
 """Scenes with clipped light or bright matter, traced with their true radiance, and cameras that clip them.
 
 A scene has planes in front of a background (:mod:`bokehnet.raytrace`). Light: skies behind trees, windows of
-dark rooms, lamps at night, lamps with the halo of a stopped-down lens. Matter: white cards with shading,
-pages of text, petals, snow and overexposed walls, which reach the clip level but are hardly brighter.
+dark rooms, lamps at night, lamps with the halo of a stopped-down lens, coloured lamps, signs and screens, sun
+glints. Matter: white cards with shading, pages of text, petals, snow, white clothes and overexposed walls,
+which reach the clip level but are hardly brighter.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,13 +30,25 @@ from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.surface_textures import surface_texture
 
-__all__ = ["CAMERAS", "LIGHT", "MATTER", "CameraCurve", "LightCase", "cases", "decoded", "make_case"]
+__all__ = [
+    "CAMERAS",
+    "LIGHT",
+    "MATTER",
+    "CameraCurve",
+    "LightCase",
+    "cases",
+    "decoded",
+    "light_picture",
+    "make_case",
+    "with_halo",
+]
 
 _CONFIG = SynthConfig(seed=1, scenes=1, width=384, height=256)
 _HALF = np.array([_CONFIG.sensor_width / 2, _CONFIG.sensor_width / 2 * 256 / 384]) / _CONFIG.sensor_distance
 _BLUR_PX, _IMAGE_SAMPLES, _TRUTH_SAMPLES = 22.0, 24, 192
 # Wavelength times f-number over pixel pitch: the halo of a point at radius r pixels is this / (pi^3 r^3).
 _DIFFRACTION_PX = (0.3, 1.2)
+_FOCUS = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -178,6 +191,48 @@ def _night(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(wall, far), planes=(*planes, _subject(rng, float(rng.uniform(0.02, 0.1)))))
 
 
+def _fairy(rng: np.random.Generator) -> Scene:
+    """Return lamps of one saturated colour each, which clip in one or two channels, before a dark wall."""
+    far = float(rng.uniform(0.0, 0.15))
+    colors = np.array([[1, 0.55, 0.2], [1, 0.3, 0.1], [0.25, 1, 0.35], [0.2, 0.4, 1], [1, 0.8, 0.5]])
+    color, planes = colors[rng.integers(len(colors))], []
+    for _ in range(rng.integers(1, 4)):
+        mixed = rng.random() < 0.3
+        lamps, alpha = light_points(256, 384, rng, (0.7, 3.5), (1.5, 60.0))
+        tint = colors[rng.integers(len(colors))] if mixed else color * rng.uniform(0.85, 1.15, 3)
+        middle = (float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3)))
+        planes.append(_card(lamps.mean(-1, keepdims=True) * tint, alpha, middle, (1, 1), far + 0.05))
+    wall = _textured(rng, float(rng.uniform(0.004, 0.03)))
+    return Scene(background=_far(wall, far), planes=(*planes, _subject(rng, float(rng.uniform(0.02, 0.1)))))
+
+
+def _signs(rng: np.random.Generator) -> Scene:
+    """Return neon signs and screens at dusk."""
+    far, planes = float(rng.uniform(0.05, 0.2)), []
+    for _ in range(rng.integers(2, 6)):
+        level = np.exp(rng.uniform(np.log(0.8), np.log(10)))
+        if rng.random() < 0.5:  # neon: strokes of one colour
+            alpha, tint = draw_shape(THIN_SHAPES, 160, 160, rng), rng.uniform(0.05, 1, 3)
+            light = level * np.ones((160, 160, 1)) * tint / tint.max()
+        else:  # screen: a picture with its own whites
+            alpha = None
+            light = level * surface_texture(_CONFIG.scene, 160, 160, rng)
+        middle = (float(rng.uniform(-0.8, 0.8)), float(rng.uniform(-0.7, 0.3)))
+        size = float(rng.uniform(0.08, 0.25))
+        planes.append(_card(light, alpha, middle, (size, size), float(rng.uniform(far + 0.01, 0.35))))
+    wall = _textured(rng, float(rng.uniform(0.01, 0.08)))
+    return Scene(background=_far(wall, far), planes=(*planes, _subject(rng, float(rng.uniform(0.03, 0.15)))))
+
+
+def _glints(rng: np.random.Generator) -> Scene:
+    """Return glints of the sun on water or metal by day."""
+    lamps, alpha = light_points(256, 384, rng, (0.5, 1.8), (5.0, 200.0))
+    water = _textured(rng, float(rng.uniform(0.04, 0.3)))
+    height = float(rng.uniform(0.2, 0.9))
+    glints = _card(lamps.mean(-1, keepdims=True) * np.ones(3), alpha, (0, 0.4), (1, height), 0.06)
+    return Scene(background=_far(water, 0.05), planes=(glints, _subject(rng, float(rng.uniform(0.05, 0.3)))))
+
+
 def _white_shading(rng: np.random.Generator, size: tuple[int, int], level: float) -> np.ndarray:
     """Return white matter (H, W, 3) whose illumination changes slowly around ``level``."""
     y, x = np.mgrid[0 : size[0], 0 : size[1]] / np.array(size).max()
@@ -246,6 +301,20 @@ def _snow(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(sky, 0.0), planes=(ground, *trees, _subject(rng, 0.25)))
 
 
+def _clothes(rng: np.random.Generator) -> Scene:
+    """Return people in white clothes with folds, near and far, before a wall or leaves."""
+    planes = []
+    for _ in range(rng.integers(1, 4)):
+        folds = fractal_noise(200, 160, rng, float(rng.uniform(1.4, 2.0)))[..., None]
+        cloth = _white_shading(rng, (200, 160), float(rng.uniform(0.7, 1.2))) * (0.6 + 0.7 * folds)
+        alpha = draw_shape(SOLID_SHAPES, 200, 160, rng)
+        middle = (float(rng.uniform(-0.8, 0.8)), float(rng.uniform(0.0, 0.6)))
+        size = float(rng.uniform(0.12, 0.5))
+        planes.append(_card(cloth, alpha, middle, (size, size * 1.5), float(rng.uniform(0.1, 0.85))))
+    wall = _textured(rng, float(rng.uniform(0.02, 0.3)))
+    return Scene(background=_far(wall, 0.08), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.4)))))
+
+
 def _wall(rng: np.random.Generator) -> Scene:
     """Return a white wall with a patch of sun."""
     light = np.float32(rng.uniform(0.45, 0.8)) * np.ones((256, 384, 1))
@@ -263,17 +332,22 @@ LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {
     "window": _window,
     "night": _night,
     "lamps": _night,  # with the halo of the lens
+    "fairy": _fairy,
+    "signs": _signs,
+    "glints": _glints,
 }
+_WITH_HALO = ("lamps", "fairy")
 MATTER: dict[str, Callable[[np.random.Generator], Scene]] = {
     "cards": _cards,
     "houses": _houses,
     "petals": _petals,
     "snow": _snow,
+    "clothes": _clothes,
     "wall": _wall,
 }
 
 
-def _halo(light: np.ndarray, diffraction_px: float) -> np.ndarray:
+def with_halo(light: np.ndarray, diffraction_px: float) -> np.ndarray:
     """Convolve light with the mean diffraction halo of a stopped-down lens.
 
     Source:
@@ -290,29 +364,47 @@ def _halo(light: np.ndarray, diffraction_px: float) -> np.ndarray:
     return np.stack([fftconvolve(light[..., c], kernel, mode="same") for c in range(3)], -1).clip(0)
 
 
+def light_picture(
+    kind: str, rng: np.random.Generator, seed: int, scale: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true radiance (H, W, 3) of a scene in focus everywhere, and its disparity (H, W).
+
+    Args:
+        kind: Key of :data:`LIGHT` or :data:`MATTER`.
+        rng: Generator of the scene.
+        seed: Seed of the rays.
+        scale: Size of the picture, multiple of 384x256 pixels.
+    """
+    scene, view = (LIGHT | MATTER)[kind](rng), _camera(_BLUR_PX, scale)
+    image = render_all_in_focus(scene, view, _IMAGE_SAMPLES // scale, seed).numpy()
+    return image, _disparity(scene, view)
+
+
 def make_case(kind: str, seed: int) -> LightCase:
     """Trace a scene of a kind of :data:`LIGHT` or :data:`MATTER`."""
     rng = np.random.default_rng([seed, *map(ord, kind)])
-    halo = kind == "lamps"
-    scene = (LIGHT | MATTER)[kind](rng)
-    focus = 0.9
-
-    def camera(blur: float) -> Camera:
-        lens = lens_for_view(blur, focus, _CONFIG)
-        return Camera(lens=lens, width=_CONFIG.width, height=_CONFIG.height, pixel_pitch=_CONFIG.pixel_pitch)
-
-    view = camera(_BLUR_PX)
+    scene, view = (LIGHT | MATTER)[kind](rng), _camera(_BLUR_PX)
     image = render_all_in_focus(scene, view, _IMAGE_SAMPLES, seed).numpy()
-    if halo:
-        image = _halo(image, float(rng.uniform(*_DIFFRACTION_PX)))
+    if kind in _WITH_HALO:
+        image = with_halo(image, float(rng.uniform(*_DIFFRACTION_PX)))
     return LightCase(
         name=f"{kind}_{seed}",
         image=image.astype(np.float32),
-        disparity=(render_disparity(scene, view).numpy() * np.float32(_CONFIG.nearest_distance)).clip(0, 1),
+        disparity=_disparity(scene, view),
         truth=render_bokeh(scene, view, _TRUTH_SAMPLES, seed + 1).numpy(),
         blur=_BLUR_PX,
-        focus=focus,
+        focus=_FOCUS,
     )
+
+
+def _camera(blur: float, scale: int = 1) -> Camera:
+    lens, pitch = lens_for_view(blur, _FOCUS, _CONFIG), _CONFIG.pixel_pitch / scale
+    return Camera(lens=lens, width=scale * _CONFIG.width, height=scale * _CONFIG.height, pixel_pitch=pitch)
+
+
+def _disparity(scene: Scene, view: Camera) -> np.ndarray:
+    nearest = np.float32(_CONFIG.nearest_distance)
+    return np.asarray((render_disparity(scene, view).numpy() * nearest).clip(0, 1))
 
 
 def cases(kinds: tuple[str, ...], seeds: int) -> Iterator[LightCase]:

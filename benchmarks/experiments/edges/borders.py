@@ -1,4 +1,4 @@
-"""Quality along the border of path-traced scenes: ``python -m benchmarks.quality.borders FOLDER``.
+"""Quality along the border of path-traced scenes: ``python -m benchmarks.experiments.edges.borders FOLDER``.
 
 For each engine: PSNR in dB of the clipped sRGB picture in the band along the border, as the engine is, and of
 the engine on pictures that are continued by repeated or mirrored pixels, or not at all (``inside``, by the
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.quality.cycles import read_shots, scene_folders, whole_engine
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside
 from bokehnet.engine_registry import ENGINES
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.optics.aperture import Aperture
@@ -76,7 +76,7 @@ def main() -> None:
             "mirrored": _continued(own, "symmetric"),
         }
         if name == "scatter":
-            rules["inside"] = scatter
+            rules["inside"] = scatter_inside
         for rule, render in rules.items():
             psnr = np.mean([_band_psnr(render, shot) for shot in shots])
             light, energy = _line_and_lamp(render)

@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.fusion import fuse
+from bokehnet.arrays.fusion import fuse
 
 
 def test_the_ends_of_the_error_map_choose_one_side():

@@ -1,4 +1,6 @@
-"""Render the pictures of ``docs/use/looks.md``: ``python -m tools.look_pictures PHOTO DISPARITY BLUR FOCUS``.
+"""Render the pictures of ``docs/use/looks.md``.
+
+Run ``python -m tools.pictures.looks PHOTO DISPARITY BLUR FOCUS``.
 
 The sheets show every preset on a photograph (PHOTO with its DISPARITY, rendered with BLUR and FOCUS) and on
 the street of ``examples/night_scene.py``, and each effect alone on that street, as rendered by ``bokehnet
@@ -17,7 +19,7 @@ from bokehnet.settings.preset import presets as preset_names
 from bokehnet.tools.contact_sheet import contact_sheet
 from examples.night_scene import FOCUS, night_scene
 
-IMAGES = Path(__file__).parents[1] / "docs/images"
+IMAGES = Path(__file__).parents[2] / "docs/images"
 QUALITY = 85
 NIGHT_BLUR = 60
 COLUMNS = 3

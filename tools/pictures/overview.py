@@ -1,6 +1,6 @@
 """Render the pictures of ``docs/method/overview.md`` and ``docs/use/shapes.md``.
 
-Run ``python -m tools.pictures TRUTH``.
+Run ``python -m tools.pictures.overview TRUTH``.
 
 All pictures show the scene of ``bokehnet demo``, most of them rendered by ``bokehnet render``. TRUTH is the
 folder of the ray-traced references of ``python examples/demo_scene.py --out FOLDER --truth TRUTH`` (FOLDER
@@ -21,7 +21,7 @@ from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 from train.data.degradation import degrade
 
-IMAGES = Path(__file__).parents[1] / "docs/images"
+IMAGES = Path(__file__).parents[2] / "docs/images"
 PICTURE, DISPARITY = ASSETS / "demo.png", ASSETS / "demo_disparity.png"
 QUALITY = 85
 

@@ -1,9 +1,9 @@
 """Render the pictures of ``docs/method/theses.md``.
 
-Run ``python -m tools.theses_pictures [NAME ...] [--truth FOLDER]``.
+Run ``python -m tools.pictures.theses [NAME ...] [--truth FOLDER]``.
 
 The pictures show leaves in front of focus and lamps behind it, in the scene of ``bokehnet demo``, by each
-method NAME (default: all). FOLDER contains the ray-traced references, as for ``python -m tools.pictures``.
+method NAME (default: all). FOLDER contains the ray-traced references, as for :mod:`tools.pictures.overview`.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 
-FOLDER = Path(__file__).parents[1] / "docs/images/theses"
+FOLDER = Path(__file__).parents[2] / "docs/images/theses"
 QUALITY = 80
 
 # Left, top, width, height and focus: the leaves above the cat; the lamps in the corner.

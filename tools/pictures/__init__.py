@@ -1,0 +1,1 @@
+"""Pictures of the documentation, one command a page."""
