@@ -19,6 +19,7 @@ from bokehnet.scene.black_bars import BlackBars
 from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_lens, focus_lens, is_automatic
 from bokehnet.scene.focus_checks import check_nothing_to_focus
+from bokehnet.scene.fringes import fringe_surfaces
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
@@ -173,6 +174,12 @@ def _prepare_picture(
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):
         known = matte_surfaces(matte, final.values)
+    elif known is None and engine in RAY_ENGINES and plan is None and is_repaired(scene, settings.depth):
+        known = cache.get(
+            ("fringes", *key),
+            lambda: fringe_surfaces(scene.image, final.values),
+            lambda surfaces: np.zeros(0) if surfaces is None else surfaces,
+        )
     choice = None
     if engine in RAY_ENGINES:
         renderer = None if original.frame is None else original.frame.renderer

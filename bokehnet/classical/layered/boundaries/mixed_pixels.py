@@ -8,7 +8,6 @@ from bokehnet.classical.layered.boundaries.pixel_boundaries import LEVELS
 from bokehnet.classical.layered.boundaries.unmixing import KNOWN_MIXED, MixedPixels, unmix
 from bokehnet.classical.layered.depth_discontinuities import (
     DISCONTINUITY_THRESHOLD,
-    discontinuity_sides,
     sharpen_discontinuities,
 )
 from bokehnet.classical.layered.slight_steps import SLIGHT, sides_with_slight_steps
@@ -31,7 +30,7 @@ def find_mixed_pixels(
     """Find the mixed pixels of a picture, and its defocus with a step wherever a surface ends.
 
     Pixels at steps of less than ``DISCONTINUITY_THRESHOLD``
-    (:mod:`bokehnet.classical.layered.slight_steps`) are included if no surfaces are known.
+    (:mod:`bokehnet.classical.layered.slight_steps`) are included unless all surfaces are known.
 
     Known pixels whose surfaces are within ``DISCONTINUITY_THRESHOLD`` of each other are not mixed. The others
     have the depth of the surface that covers more of them, whatever ``defocus`` is, and are mixed unless that
@@ -55,7 +54,7 @@ def find_mixed_pixels(
     own = np.where(mixed.coverage >= 0.5, mixed.near, mixed.far)
     sharp[mixed.rows, mixed.columns] = own
     mixed = mixed.select((mixed.coverage > 0) & (mixed.coverage < 1))
-    sides = discontinuity_sides(sharp, reach)
+    sides = sides_with_slight_steps(sharp, reach)
     if known.complete:
         sides[:] = 0
     if mixed.front is None or mixed.back is None:
