@@ -359,13 +359,11 @@ def _render_layers(
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
         within = reach_by_rings(pupil_rays.extents, pupil_rays.lens, TILE, job.above)
-    near, marched = _bundle_smooth_tiles(job, pupil_rays, colors, cells, rays_mask, result)
-    bundled = None if marched is rays_mask else np.array(result)
     bins = occupied_bins(cells, *within)
     rays_job = RaysJob(
         colors=colors,
         cells=cells,
-        rays_mask=marched,
+        rays_mask=rays_mask,
         bins=bins,
         points=pupil_rays.points,
         weights=pupil_rays.weights,
@@ -377,6 +375,10 @@ def _render_layers(
         above=job.above,
         viewport=job.picture_viewport,
     )
+    near = _bundle_smooth_tiles(rays_job, pupil_rays, result)
+    bundled = None if near is None else np.array(result)
+    if near is not None:
+        rays_job = replace(rays_job, rays_mask=rays_mask & (near > 0))
 
     def report_rays(fraction: float) -> None:
         report(2, fraction)
@@ -388,7 +390,7 @@ def _render_layers(
     del rest
     if bundled is not None:
         with parallel_region:
-            _blend(bundled, near, marched, result)
+            _blend(bundled, near, rays_job.rays_mask, result)
         del bundled
     add_lights(
         lights,
@@ -413,37 +415,15 @@ def _render_layers(
     )
 
 
-def _bundle_smooth_tiles(
-    job: _Job,
-    pupil_rays: _Rays,
-    colors: np.ndarray,
-    cells: np.ndarray,
-    rays_mask: np.ndarray,
-    result: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def _bundle_smooth_tiles(job: RaysJob, pupil_rays: _Rays, result: np.ndarray) -> np.ndarray | None:
     """Write tiles of one smooth surface behind an aberrated lens to ``result``.
 
     Returns:
-        Weight of the rays near steps, (H, W); and the pixels left for rays of their own, ``rays_mask``
-        itself if no bundles are used.
+        Weight of the rays of each pixel over the tiles, (H, W); None if no bundles are used.
     """
     if pupil_rays.lens is None or pupil_rays.extents is None or pupil_rays.fringes is not None:
-        return pupil_rays.near, rays_mask
-    near = render_smooth_tiles(
-        colors,
-        cells,
-        rays_mask,
-        pupil_rays.near,
-        pupil_rays.points,
-        pupil_rays.weights,
-        result,
-        pupil_rays.lens,
-        pupil_rays.extents,
-        cats_eye=job.aperture.cats_eye,
-        above=job.above,
-        viewport=job.picture_viewport,
-    )
-    return near, rays_mask & (near > 0)
+        return None
+    return render_smooth_tiles(job, pupil_rays.near, pupil_rays.extents, result)
 
 
 def _largest_radius(nearest: np.ndarray, farthest: np.ndarray) -> int:

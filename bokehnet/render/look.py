@@ -208,17 +208,7 @@ def _read_gains(path: Path) -> tuple[float, ...]:
 def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> AberrationMap | None:
     """Return the aberrations of one picture: those of the glass and of a tilted plane of focus.
 
-    With metric depth the lens is scaled to the camera's focal length, focused like the camera, and has the
-    camera's sensor. With relative disparity it has its designed focal length and is focused at infinity.
-
-    Args:
-        settings: Lens settings.
-        focused: Camera with its focus.
-        window: Position of the pixels in the shown picture.
-
-    Raises:
-        LensError: The lens cannot focus or stop down like the camera.
-        ConfigError: Its file is missing or invalid.
+    Arguments and errors are those of :func:`bokehnet.scene.prescription.lens_of_picture`.
 
     Examples:
         >>> window = Window.whole(32, 24)

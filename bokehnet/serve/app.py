@@ -270,8 +270,8 @@ def _add_jobs(app: FastAPI, service: _Service) -> None:
         """Return the rendered picture."""
         view = owned_job(job, owner)
         if view["state"] == "done":
-            name = view["result"]
-            return FileResponse(store.file(job, name), media_type=FORMATS[name.rpartition(".")[2]])
+            path = store.result_file(job, view)
+            return FileResponse(path, media_type=FORMATS[path.suffix[1:]])
         if view["state"] in _FINAL_STATES:
             document = view.get("problem") or CANCELLED.document()
             return JSONResponse(document, document["status"], media_type=MEDIA_TYPE)
@@ -332,7 +332,7 @@ async def _events(read: Callable[[], dict[str, Any] | None]) -> AsyncIterator[st
 
 def _public_view(view: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a job that its client may see."""
-    hidden = ("owner", "fingerprint", "result")
+    hidden = ("owner", "fingerprint", "result", "result_sha256")
     public = {key: value for key, value in view.items() if key not in hidden}
     links = {"self": f"/v1/jobs/{view['id']}", "events": f"/v1/jobs/{view['id']}/events"}
     if view["state"] == "done":

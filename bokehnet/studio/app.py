@@ -3,6 +3,7 @@
 import asyncio
 import json
 import struct
+import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -117,7 +118,8 @@ def _error_response(error: BokehnetError, status: int) -> Response:
 
 
 def _bug_message(error: Exception) -> str:
-    """Return one line about an unexpected exception."""
+    """Return one line about an unexpected exception, and print its traceback to stderr."""
+    traceback.print_exception(error)
     return " ".join(f"internal error: {type(error).__name__}: {error}".split())
 
 

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import traceback
 from collections.abc import Callable
 from time import monotonic
 from typing import Any, Protocol
@@ -163,6 +164,7 @@ def _serve(pipe: Any, current: Any, niceness: int) -> None:
         except MemoryError:
             answer = (number, "error", BokehnetError("out of memory, try a smaller picture"))
         except Exception as error:  # a bug must not stop the next task
+            traceback.print_exc()
             answer = (number, "error", BokehnetError(f"internal error: {type(error).__name__}: {error}"))
         with contextlib.suppress(BrokenPipeError):
             pipe.send(answer)

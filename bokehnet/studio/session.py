@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 import threading
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -424,8 +425,7 @@ class Session:
                 self.open(opened.path, settings, seconds=_MAX_ESTIMATE_SECONDS)
                 self.jobs["estimate"] = {"state": "done"}
             except Exception as error:
-                message = str(error) if isinstance(error, BokehnetError) else f"internal error: {error}"
-                self.jobs["estimate"] = {"state": "failed", "error": self._clean(message)}
+                self.jobs["estimate"] = {"state": "failed", "error": self._clean(_message(error))}
 
         threading.Thread(target=run, daemon=True).start()
 
@@ -473,8 +473,7 @@ class Session:
             shutil.rmtree(folder, ignore_errors=True)
             self.jobs["export"] = {"state": "idle"}
         except Exception as error:
-            message = str(error) if isinstance(error, BokehnetError) else f"internal error: {error}"
-            self.jobs["export"] = {"state": "failed", "error": self._clean(message)}
+            self.jobs["export"] = {"state": "failed", "error": self._clean(_message(error))}
 
     def _remove_unused(self) -> None:
         """Delete uploads that are no longer used: previous pictures, and those that could not be opened."""
@@ -498,3 +497,11 @@ class Session:
         """Return a message without the paths of the studio's temporary folders."""
         words = text.split(str(self.folder))
         return words[0] + "".join(word.split("/", 2)[-1] for word in words[1:])
+
+
+def _message(error: Exception) -> str:
+    """Return the message of an error; print the traceback of a bug to stderr."""
+    if isinstance(error, BokehnetError):
+        return str(error)
+    traceback.print_exception(error)
+    return f"internal error: {error}"

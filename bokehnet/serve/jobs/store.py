@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Claim", "DamagedJob", "JobStore", "QueueFull", "read_table"]
+__all__ = ["Claim", "DamagedJob", "JobStore", "QueueFull", "file_sha256", "read_table"]
 
 _log = logging.getLogger(__name__)
 
@@ -268,9 +268,21 @@ class JobStore:
         with contextlib.suppress(OSError):
             (self.folder / "queue" / job).unlink()
 
-    def file(self, job: str, name: str) -> Path:
-        """Return the path of a job's file."""
-        return self.folder / "jobs" / job / name
+    def result_file(self, job: str, view: dict[str, Any]) -> Path:
+        """Return the path of a finished job's picture.
+
+        Raises:
+            DamagedJob: The picture is missing, or its checksum is not that of the outcome; it is set aside.
+        """
+        path: Path = self.folder / "jobs" / job / view["result"]
+        try:
+            is_intact = file_sha256(path) == view["result_sha256"]
+        except OSError:
+            is_intact = False
+        if not is_intact:
+            self._set_aside(job)
+            raise DamagedJob(job)
+        return path
 
     def unfinished(self) -> tuple[int, int]:
         """Return the numbers of waiting and running jobs."""
@@ -352,6 +364,12 @@ def _write_table(path: Path, table: dict[str, Any], *, durable: bool = True) -> 
     """Write a table as JSON behind its checksum."""
     text = json.dumps(table)
     _write(path, f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}", durable=durable)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_table(path: Path) -> dict[str, Any]:

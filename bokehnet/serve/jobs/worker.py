@@ -14,7 +14,7 @@ from typing import Any
 
 from bokehnet.errors import BokehnetError, RenderCancelled
 from bokehnet.processes.limits import limit_address_space, limit_cpu_time
-from bokehnet.serve.jobs.store import DamagedJob, read_table
+from bokehnet.serve.jobs.store import DamagedJob, file_sha256, read_table
 from bokehnet.serve.problems import CANCELLED, Problem, problem_of
 
 __all__ = ["WorkerLimits", "work"]
@@ -117,6 +117,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
     return {
         "state": "done",
         "result": file,
+        "result_sha256": file_sha256(folder / file),
         "report": {
             "width": result.bokeh.shape[1],
             "height": result.bokeh.shape[0],

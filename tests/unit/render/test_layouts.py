@@ -188,7 +188,9 @@ def test_light_crosses_the_seam_of_a_panorama(renderer):
     )
 
 
-@pytest.mark.parametrize("row", [40, 20, 10])
+@pytest.mark.parametrize(
+    "row", [10, pytest.param(20, marks=pytest.mark.slow), pytest.param(40, marks=pytest.mark.slow)]
+)
 def test_discs_of_a_panorama_widen_towards_the_poles(renderer, row):
     """Authority: the circle on the sphere, all directions within the radius of the lamp's; second moments."""
     light = rendered(renderer, lamp(row, 80), input={"projection": "equirect"}).bokeh[..., 0]

@@ -132,6 +132,7 @@ def test_noise_is_taken_from_motion(tmp_path):
     assert np.std(kept[30] - truth[30]) < 1.3 * 0.01 / np.sqrt(49)
 
 
+@pytest.mark.slow  # in the quick tests: test_parts_of_a_shot_have_its_frames, by the command line
 def test_a_part_of_a_shot_with_its_surroundings_has_the_maps_of_the_whole(tmp_path):
     """Authority: the whole shot, bit by bit."""
     images, maps, _ = shot(60)

@@ -87,6 +87,22 @@ def test_damaged_jobs_are_reported_and_others_rendered(attacked, tmp_path):
     assert attacked.client.get("/readyz").status_code == 200
 
 
+@pytest.mark.parametrize("damage", ["cut", "zeros", "missing"])
+def test_a_damaged_result_is_never_delivered(attacked, tmp_path, damage):
+    """Authority: the bytes that were rendered; anything else is reported as damage."""
+    job = attacked.post(tmp_path).json()["id"]
+    attacked.wait(job)
+    whole = attacked.client.get(f"/v1/jobs/{job}/result").content
+    (path,) = (tmp_path / "jobs" / "jobs" / job).glob("result-*")
+    assert path.read_bytes() == whole
+    path.unlink()
+    if damage != "missing":
+        path.write_bytes(whole[: len(whole) // 2] if damage == "cut" else bytes(len(whole)))
+    answer = attacked.client.get(f"/v1/jobs/{job}/result")
+    assert (answer.status_code, answer.json()["type"]) == (500, "urn:bokehnet:problem:damaged")
+    assert attacked.wait(attacked.post(tmp_path).json()["id"])["state"] == "done"
+
+
 def test_odd_names_and_texts_get_problem_documents(attacked, tmp_path):
     answer = attacked.client.get(f"/v1/jobs/{'a' * 300}")
     assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")

@@ -20,10 +20,11 @@ import numpy as np
 from numba import prange
 
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.classical.layered.march.aberrated_rays import LensTable, collapse, keep_within, send_rays
+from bokehnet.classical.layered.march.aberrated_rays import collapse, keep_within, send_rays
 from bokehnet.classical.layered.march.bundle_extents import BUNDLE, extent_at, ring_of
 from bokehnet.classical.layered.march.defocus_bins import TILE
 from bokehnet.classical.layered.march.intersection import CLOSE
+from bokehnet.classical.layered.march.ray_marching import RaysJob
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
@@ -407,50 +408,31 @@ def _render(
 
 
 def render_smooth_tiles(
-    colors: np.ndarray,
-    cells: np.ndarray,
-    rays_mask: np.ndarray,
-    near: np.ndarray,
-    points: np.ndarray,
-    weights: np.ndarray,
-    result: np.ndarray,
-    lens: LensTable,
-    extents: np.ndarray,
-    *,
-    cats_eye: float = 0.0,
-    above: int = 0,
-    viewport: Viewport | None = None,
+    job: RaysJob, near: np.ndarray, extents: np.ndarray, result: np.ndarray
 ) -> np.ndarray:
     """Write tiles that see only one smooth surface to ``result``.
 
     Args:
-        colors: Colors of the layers, (H, W, L, 3).
-        cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
-        rays_mask: Pixels to render, (H, W) bool.
+        job: Layers, rays and an aberrated lens; the first ``BUNDLE`` points are used.
         near: Weight of the rays near steps, (H, W) float32 in [0, 1]; tiles with 1 in all pixels are skipped.
-        points: Aperture coordinates, see :func:`bokehnet.classical.layered.march.ray_marching.march`; the
-            first ``BUNDLE`` are used.
-        weights: Weights of the points, see the same function.
-        result: Colors, (H, W, 3), float32; pixels in ``rays_mask`` of the rendered tiles are overwritten.
-        lens: Lens response for the rays of ``points``.
         extents: From :func:`bokehnet.classical.layered.march.bundle_extents.bundle_extents`.
-        cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
-        above: Rows of the picture above these arrays, if they are a strip of it.
-        viewport: Position of the picture in the shown one; default: all of it is shown.
+        result: Colors, (H, W, 3), float32; pixels in ``job.rays_mask`` of the rendered tiles are overwritten.
 
     Returns:
         Fraction of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle is
         used.
     """
+    assert job.lens is not None
+    cells, rays_mask = job.cells, job.rays_mask
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
     surfaces = np.empty((tile_rows, tile_columns, 6), np.float32)
     kinds = np.empty((tile_rows, tile_columns), np.int8)
-    arrays, viewport_values = (points, weights), (viewport or Viewport.whole(height, width)).as_tuple()
+    arrays, viewport = (job.points, job.weights), job.viewport or Viewport.whole(height, width)
     with parallel_region:
         _tile_surfaces(cells, surfaces)
         low, high = float(surfaces[..., _LOW].min()), float(surfaces[..., _HIGH].max())
-        _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, kinds)
+        _classify_tiles(surfaces, rays_mask, near, job.lens, job.above, extents, low, high, kinds)
         for top in range(0, tile_rows, _BAND // TILE):
             rows = kinds[top : top + _BAND // TILE]
             if not (rows != _RAYS).any():
@@ -458,10 +440,10 @@ def render_smooth_tiles(
             first = top * TILE - _MAX_REACH_PX
             shape = (len(rows) * TILE + 2 * _MAX_REACH_PX, width + 2 * _MAX_REACH_PX)
             planes = np.empty((1 + int(math.log2(_MAX_BLOCK_PX)), 3, *shape), np.float32)
-            _fill_planes(colors, first, planes)
+            _fill_planes(job.colors, first, planes)
             _render(
-                *(planes, first, rows, top, surfaces, cells, rays_mask, arrays, lens, extents),
-                *((cats_eye, viewport_values, above), result),
+                *(planes, first, rows, top, surfaces, cells, rays_mask, arrays, job.lens, extents),
+                *((job.cats_eye, viewport.as_tuple(), job.above), result),
             )
     rendered = np.kron(kinds != _RAYS, np.ones((TILE, TILE), np.bool_))[:height, :width]
     return np.where(rendered, near, np.float32(1))

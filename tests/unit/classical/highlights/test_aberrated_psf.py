@@ -110,7 +110,14 @@ def traced(light, aperture, lens_response, *, blocked=None):
     return result
 
 
-@pytest.mark.parametrize("name", LENSES)
+# One lens of each kind of aberration in the quick tests.
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("creamy", "caustic", "leaning focus") else ())
+        for name in LENSES
+    ],
+)
 @pytest.mark.parametrize(
     "aperture",
     [
@@ -145,8 +152,19 @@ def test_fringes_part_the_colours_as_their_rays_do():
     assert abs(wanted[..., 0] - wanted[..., 2]).max() > 0.3 * wanted.max()
 
 
-@pytest.mark.parametrize("name", ["soap bubble", "coma", "colours", "leaning focus"])
-@pytest.mark.parametrize("screen", [0.0, 25.0])
+@pytest.mark.parametrize(
+    ("name", "screen"),
+    [
+        ("soap bubble", 25.0),
+        ("coma", 0.0),
+        ("leaning focus", 0.0),
+        ("colours", 25.0),
+        pytest.param("soap bubble", 0.0, marks=pytest.mark.slow),
+        pytest.param("coma", 25.0, marks=pytest.mark.slow),
+        pytest.param("leaning focus", 25.0, marks=pytest.mark.slow),
+        pytest.param("colours", 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_a_screen_clips_the_disc_where_it_stops_rays(name, screen):
     """Rays pass the screen at ``p - s A - E``; the PSF image takes E as the mean of a pixel's rays.
 

@@ -59,7 +59,7 @@ def test_the_slider_is_a_rim_of_the_aberration_map():
     assert 50 < expected.sum() < 450
 
 
-@pytest.mark.parametrize("name", ["double_gauss", "petzval"])
+@pytest.mark.parametrize("name", ["petzval", pytest.param("double_gauss", marks=pytest.mark.slow)])
 def test_the_slider_has_the_opening_that_is_traced(name):
     """Authority: which rays of a point near the corner the glass lets pass, where they cross the pupil.
 

@@ -205,7 +205,7 @@ def test_a_full_disk_is_reported_in_one_line(noisy, cli, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bokehnet.sequence.filtered_shot.np.save", full)
-    outcome = cli(*SHOT)
+    outcome = cli(*SHOT, "--quiet")
     assert outcome.code == 1
     assert "steady maps cannot be stored there: No space left on device" in outcome.err
     assert outcome.err.count("\n") == 1
