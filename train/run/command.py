@@ -12,6 +12,7 @@ import torch
 from bokehnet.config import load_config, parse_settings
 from bokehnet.errors import BokehnetError
 from train.run.distributed import Processes, joined
+from train.run.ray_train import train_on_ray
 from train.run.stopping import Stopped
 
 __all__ = ["add_settings", "run_command", "settings_of"]
@@ -50,14 +51,16 @@ def run_command(
         default=math.inf,
         help="time limit, minutes; writes a checkpoint and stops",
     )
+    parser.add_argument("--ray", metavar="ADDRESS", help="train on this Ray cluster, by Ray Train")
     arguments = parser.parse_args(words)
     stopped = None
     try:
         config = load_config(arguments.config, cls, settings_of(arguments))
         with joined(torch.device(arguments.device)) as device:
             first = Processes.current().first
+            job = (config, arguments.out, device, arguments.max_minutes)
             try:
-                path = run(config, arguments.out, device, arguments.max_minutes)
+                path = train_on_ray(run, *job, arguments.ray) if arguments.ray else run(*job)
             except Stopped as error:
                 # Its traceback would keep the objects of the run alive until after the process group has
                 # ended.

@@ -2,6 +2,7 @@
 
 import math
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -42,8 +43,14 @@ class StopRequest:
 
 @contextmanager
 def stop_requests(max_minutes: float = math.inf) -> Iterator[StopRequest]:
-    """Convert Ctrl-C and SIGTERM into a flag that the training loop polls between steps."""
+    """Convert Ctrl-C and SIGTERM into a flag that the training loop polls between steps.
+
+    In another thread than the main one, as in a worker of Ray, signals keep their meaning.
+    """
     request = StopRequest(max_minutes)
+    if threading.current_thread() is not threading.main_thread():
+        yield request
+        return
 
     def set_flag(*_: object) -> None:
         request.interrupted = True

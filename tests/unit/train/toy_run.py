@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 from train.run.command import run_command
+from train.run.distributed import Processes
 from train.run.loop import OptimConfig, train
 
 
@@ -34,6 +35,7 @@ class ToyRun:
 
     Attributes:
         stop_step, stop_rank: In this step this process gets a polite kill.
+        kill_step: In this step process 1 kills itself, once.
         shaken_step: In this step the loader processes get Ctrl-C and a polite kill.
         bad_from, bad_to: From one step until before the other, gradients are not finite.
     """
@@ -43,6 +45,7 @@ class ToyRun:
     model: ToyModel = field(default_factory=ToyModel)
     stop_step: int = -1
     stop_rank: int = 1
+    kill_step: int = -1
     shaken_step: int = -1
     bad_from: int = 0
     bad_to: int = 0
@@ -82,6 +85,9 @@ def run(config: ToyRun, out: Path, device: torch.device, max_minutes: float) -> 
         step = int(batch["index"][0]) // config.data.batch_size
         if step == config.stop_step and rank == config.stop_rank:
             os.kill(os.getpid(), signal.SIGTERM)
+        if step == config.kill_step and Processes.current().rank == 1 and not (out / "killed").exists():
+            (out / "killed").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
         if step == config.shaken_step:
             for process in multiprocessing.active_children():
                 os.kill(process.pid, signal.SIGINT)
