@@ -17,14 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates, uniform_filter
 
+from bokehnet.arrays.box_mean import box_mean
 from bokehnet.arrays.halving import half_image, half_map
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.acceptance import accepted_blocks
 from bokehnet.depth_repair.config import BLOCK_PX, RepairConfig
 from bokehnet.depth_repair.edge_profile import DISTANCES_PX, sample_edges
 from bokehnet.depth_repair.filters import local_extremes
+from bokehnet.optics.pixels.resampling import bilinear
 
 __all__ = ["fringe_surfaces"]
 
@@ -93,7 +94,7 @@ def fringe_surfaces(
         return None
     model = _linear_model(light, values, radius)
     rows, columns = np.nonzero(is_silhouette)
-    deviation = _mean(np.minimum(values - low, high - values) ** 2, radius)[rows, columns]
+    deviation = box_mean(np.minimum(values - low, high - values) ** 2, radius)[rows, columns]
     own = (values - low)[rows, columns] / step[rows, columns]
     coverage = _coverage(model, light[:, rows, columns], (rows, columns), (low, high))
     has_two_surfaces = deviation < _NUMBERS.max_deviation * step[rows, columns] ** 2
@@ -105,20 +106,14 @@ def fringe_surfaces(
     proposal[rows, columns] = np.where(coverage > 0.5, high[rows, columns], low[rows, columns])
     accepted = _accepted(light, sharp, proposal, (rows, columns), config)
     accepted *= _agreement(light, sharp, _NUMBERS.agreement_window // 2 * radius) < _NUMBERS.max_agreement
-    wide = _mean(accepted, _NUMBERS.agreement_window * radius)
+    wide = box_mean(accepted, _NUMBERS.agreement_window * radius)
     candidates = np.zeros(values.shape, np.float32)
     candidates[rows, columns] = 1
-    wide_candidates = _mean(candidates, _NUMBERS.agreement_window * radius)
+    wide_candidates = box_mean(candidates, _NUMBERS.agreement_window * radius)
     accepted *= wide > _NUMBERS.min_agreement * wide_candidates
     if not accepted.any():
         return None
     return _at_full_size(np.maximum(image, 0), disparity, accepted > 0, model, (low, high), scale)
-
-
-def _mean(values: np.ndarray, radius: int) -> Array:
-    """Return the means of the square windows around each pixel, the border repeated."""
-    mean: Array = uniform_filter(np.asarray(values, np.float32), 2 * radius + 1, mode="nearest")
-    return mean
 
 
 def _encoded(light: np.ndarray) -> Array:
@@ -129,18 +124,18 @@ def _encoded(light: np.ndarray) -> Array:
 def _linear_model(light: np.ndarray, values: Array, radius: int) -> Array:
     """Return slopes and constant of the map as a linear function of encoded colours, (4, H / 2, W / 2)."""
     colors, small, radius = _encoded(half_image(light)), half_map(values), -(-radius // 2)
-    means, mean = [_mean(color, radius) for color in colors], _mean(small, radius)
+    means, mean = [box_mean(color, radius) for color in colors], box_mean(small, radius)
     covariances = np.empty((*small.shape, 3, 3), np.float32)
     with_map = np.empty((*small.shape, 3, 1), np.float32)
     for i in range(3):
-        with_map[..., i, 0] = _mean(colors[i] * small, radius) - means[i] * mean
+        with_map[..., i, 0] = box_mean(colors[i] * small, radius) - means[i] * mean
         for j in range(i, 3):
-            moment = _mean(colors[i] * colors[j], radius) - means[i] * means[j]
+            moment = box_mean(colors[i] * colors[j], radius) - means[i] * means[j]
             covariances[..., i, j] = covariances[..., j, i] = moment
     covariances += np.float32(_NUMBERS.color_variance) * np.eye(3, dtype=np.float32)
-    slopes = np.linalg.solve(covariances, with_map)[..., 0]
+    slopes = np.asarray(np.linalg.solve(covariances, with_map)[..., 0], np.float32)
     constant = mean - sum(slopes[..., c] * means[c] for c in range(3))
-    return np.stack([*(_mean(slopes[..., c], radius) for c in range(3)), _mean(constant, radius)])
+    return np.stack([*(box_mean(slopes[..., c], radius) for c in range(3)), box_mean(constant, radius)])
 
 
 def _coverage(
@@ -154,14 +149,16 @@ def _coverage(
         places: Rows and columns in the map, which has twice the size of the model; fractions allowed.
         extremes: Farthest and nearest values around each pixel of the map.
     """
-    at_model = [(place - 0.5) / 2 for place in places]
-    slopes = [map_coordinates(band, at_model, order=1, mode="nearest") for band in model]
+    at_model = [
+        np.clip((place - 0.5) / 2, 0, side - 1) for place, side in zip(places, model.shape[1:], strict=True)
+    ]
+    slopes = bilinear(model, at_model[0], at_model[1], np.float32)
     nearest = tuple(
         np.clip(np.rint(place).astype(np.intp), 0, side - 1)
         for place, side in zip(places, extremes[0].shape, strict=True)
     )
     low, high = (values[nearest] for values in extremes)
-    predicted = (np.stack(slopes[:3]) * _encoded(light)).sum(0) + slopes[3]
+    predicted = (slopes[:3] * _encoded(light)).sum(0) + slopes[3]
     coverage = (predicted - low) / np.maximum(high - low, np.finfo(np.float32).tiny)
     margin = _NUMBERS.coverage_margin
     return np.asarray(np.clip((coverage - margin) / (1 - 2 * margin), 0, 1), np.float32)
@@ -190,8 +187,8 @@ def _agreement(light: np.ndarray, values: Array, radius: int) -> Array:
     sums, counts = np.zeros((2, *values.shape), np.float32)
     np.add.at(sums, (rows, columns), heights)
     np.add.at(counts, (rows, columns), 1)
-    count = _mean(counts, radius)
-    agreement: Array = np.where(count > 0, _mean(sums, radius) / np.maximum(count, 1e-9), np.inf)
+    count = box_mean(counts, radius)
+    agreement: Array = np.where(count > 0, box_mean(sums, radius) / np.maximum(count, 1e-9), np.inf)
     return agreement
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.arrays.box_mean import box_mean
 from bokehnet.arrays.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 from bokehnet.checks import check_image, check_same_size
 
-__all__ = ["box_mean", "coarse_flow", "full_flow", "optical_flow", "warp"]
+__all__ = ["coarse_flow", "full_flow", "optical_flow", "warp"]
 
 Array = npt.NDArray[np.float32]
 
@@ -110,18 +111,6 @@ def warp(values: npt.NDArray[np.floating], flow: Array, first: int = 0) -> Array
     upper = values[top, left] + a * (values[top, right] - values[top, left])
     lower = values[below, left] + a * (values[below, right] - values[below, left])
     return np.asarray(upper + b * (lower - upper), np.float32)
-
-
-def box_mean(values: Array, radius: int) -> Array:
-    """Return the mean over the square window around each pixel of (H, W), with repeated border."""
-    size = 2 * radius + 1
-    for axis in (0, 1):
-        around = [(radius + 1, radius) if a == axis else (0, 0) for a in (0, 1)]
-        padded = np.pad(values, around, "edge").astype(np.float64)
-        padded[(slice(0, 1), slice(None)) if axis == 0 else (slice(None), slice(0, 1))] = 0
-        sums = np.moveaxis(padded.cumsum(axis), axis, 0)
-        values = np.moveaxis((sums[size:] - sums[:-size]) / size, 0, axis).astype(np.float32)
-    return values
 
 
 def _grey(picture: Array) -> Array:

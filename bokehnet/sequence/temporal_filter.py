@@ -26,8 +26,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.arrays.box_mean import box_mean
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.sequence.optical_flow import box_mean, coarse_flow, full_flow, warp
+from bokehnet.sequence.optical_flow import coarse_flow, full_flow, warp
 from bokehnet.sequence.trajectory_kernels import COMPONENTS, fit_trajectories
 
 __all__ = ["REACH_FRAMES", "FilteredFrame", "FrameWindow"]
