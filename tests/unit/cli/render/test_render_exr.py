@@ -64,12 +64,12 @@ def test_the_camera_may_come_from_the_file_of_the_depth(defocus):
     assert_allclose(found, wanted, rtol=1e-5)
 
 
-def test_a_value_missing_in_the_file_is_requested(fails):
-    add_attributes("camera.exr", effectiveFocalLength=50.0)
-    fails(
-        ["render", "camera.exr", "--depth", "camera.exr", *FAST],
-        "--depth needs --f-number and --sensor-width",
-    )
+def test_values_missing_in_the_file_are_assumed_and_stated(cli):
+    """Authority: a file without any camera is rendered as by 50 mm on full frame, as the summary says."""
+    add_attributes("camera.exr", effectiveFocalLength=35.0)
+    outcome = cli("render", "camera.exr", "--depth", "camera.exr", "-o", "out.exr", *FAST)
+    assert outcome.code == 0, outcome.err
+    assert "35 mm on full frame; f/" in outcome.err
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("cm", 100.0), ("ft", 1 / 0.3048), ("1/m", None)])

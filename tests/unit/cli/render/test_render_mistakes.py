@@ -51,7 +51,10 @@ ALL = [*MAP, *SIZES]
             ["--blur: expected", "--focus: expected", "--engine: expected"],
         ),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
-        ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
+        (
+            [*PHOTO, "--depth", "camera.exr", *LENS, "--strength", 30],
+            ["--f-number", "does not apply to --depth with --strength"],
+        ),
         (
             [*PHOTO, "--depth", "camera.exr", *LENS[:-1], 0.04],
             ["cannot focus at 0.04 m: expected more than 50 mm, the --focal-length"],
@@ -186,4 +189,4 @@ def test_depth_in_a_numpy_file_with_options_for_the_camera(folder, cli):
     np.save("z.npy", np.tile(np.linspace(1, 4, WIDTH, dtype=np.float32), (HEIGHT, 1)))
     assert cli(*PHOTO, "--depth", "z.npy", *LENS, "-o", "out.png").code == 0
     outcome = cli(*PHOTO, "--depth", "z.npy", *LENS[2:], "-o", "out2.png")
-    assert "--depth needs --focal-length" in outcome.err
+    assert "mm on a sensor 36 mm wide" in outcome.err
