@@ -120,10 +120,12 @@ class ShotFrames(Protocol):
             temporal filter, and those that decide about the repair.
         selected: Numbers of the frames to render.
         probes: Numbers of the frames that decide about the repair.
+        are_files: True if each frame is a file, which can be a photograph whose clipped light is estimated.
 
     Examples:
         >>> class Black:  # two equal black frames
         ...     numbers = selected = probes = (0, 1)
+        ...     are_files = False
         ...     def settings_of(self, index):
         ...         return RenderSettings().updated({"camera": {"blur": 1}, "focus": {"value": 0}})
         ...     def scenes(self, indices, shot):
@@ -148,6 +150,11 @@ class ShotFrames(Protocol):
     @property
     def probes(self) -> Collection[int]:
         """Numbers of the frames that decide about the repair."""
+        ...
+
+    @property
+    def are_files(self) -> bool:
+        """True if each frame is a file, which can be a photograph whose clipped light is estimated."""
         ...
 
     def settings_of(self, index: int) -> RenderSettings:
@@ -201,6 +208,7 @@ def analyse_shot(
     Examples:
         >>> class Frames:  # a minimal shot; see VideoJob
         ...     numbers = selected = probes = (0,)
+        ...     are_files = False
         ...     def settings_of(self, index):
         ...         return RenderSettings()
         ...     def scenes(self, indices, shot):
@@ -294,7 +302,9 @@ def _frames_within_reach(frames: ShotFrames) -> list[int]:
 
 def _has_light(frames: ShotFrames, indices: Sequence[int]) -> bool:
     """Return whether clipped light of these frames is estimated; reads the first one."""
-    if len(indices) < 2 or frames.settings_of(indices[0]).highlights.threshold != "auto":
+    if not frames.are_files or len(indices) < 2:
+        return False
+    if frames.settings_of(indices[0]).highlights.threshold != "auto":
         return False
     first = next(frames.scenes(indices[:1], Shot()), None)
     return first is not None and is_photograph(first)

@@ -177,6 +177,11 @@ class VideoJob:
         return probe_frames(range(self.count))
 
     @property
+    def are_files(self) -> bool:
+        """False: the clipped light of videos is not estimated; see :class:`ShotFrames`."""
+        return False
+
+    @property
     def folder(self) -> Path:
         """Folder of segments and maps until the video is complete."""
         return self.output.with_name(f".bokehnet-video-{self.output.name}")

@@ -36,7 +36,10 @@ def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights,
     [
         (["-o", "nowhere/out.onnx"], ["nowhere", "does not exist"]),
         (["-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
-        (["-o", "out.onnx", "--engine", "hybrid"], ["expected one of fast, neural, rays, got 'hybrid'"]),
+        (
+            ["-o", "out.onnx", "--engine", "hybrid"],
+            ["expected one of bokehme, fast, neural, rays, got 'hybrid'"],
+        ),
         ([], ["--output"]),
     ],
 )

@@ -122,7 +122,9 @@ def test_the_shipped_networks_are_exported_with_proof(tmp_path, engine, megabyte
 
 
 def test_engines_without_networks_on_the_scatter_are_refused(tmp_path):
-    with pytest.raises(ParameterError, match="engine: expected one of fast, neural, rays, got 'hybrid'"):
+    with pytest.raises(
+        ParameterError, match="engine: expected one of bokehme, fast, neural, rays, got 'hybrid'"
+    ):
         renderer.export_renderer(tmp_path / "one.onnx", engine="hybrid")
     assert not any(tmp_path.iterdir())
 

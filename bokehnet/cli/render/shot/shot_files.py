@@ -27,6 +27,7 @@ class _Files:
 
     jobs: Sequence[FrameJob]
     selected: frozenset[int]
+    are_files = True
 
     @property
     def numbers(self) -> Sequence[int]:

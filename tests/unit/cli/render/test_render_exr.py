@@ -65,7 +65,7 @@ def test_the_camera_may_come_from_the_file_of_the_depth(defocus):
 
 
 def test_values_missing_in_the_file_are_assumed_and_stated(folder, cli):
-    """Authority: a file without any camera is rendered on full frame at the aperture that the summary states."""
+    """Authority: a file without any camera is rendered on full frame at the aperture in the summary."""
     add_attributes("camera.exr", effectiveFocalLength=35.0)
     outcome = cli("render", "camera.exr", "--depth", "camera.exr", "-o", "out.exr", *FAST)
     assert outcome.code == 0, outcome.err
