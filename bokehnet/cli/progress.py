@@ -73,11 +73,15 @@ def _add_to_bars(text: str) -> None:
 
 
 def write_above(line: str) -> None:
-    """Write a line to stderr, above any visible bar."""
+    """Write a line to stderr, above any visible bar; bars that wait for their delay stay invisible."""
     from tqdm import tqdm
 
+    bars = list(getattr(tqdm, "_instances", ()))
+    if not any(bar.format_dict["elapsed"] >= bar.delay for bar in bars):
+        print(line, file=sys.stderr)
+        return
     tqdm.write(line, file=sys.stderr)
-    for bar in list(getattr(tqdm, "_instances", ())):  # the write has made all bars visible
+    for bar in bars:  # the write has made all bars visible
         bar.delay = 0
 
 

@@ -81,4 +81,4 @@ def large_blur_notice(engine: str, width: int, height: int, radius: float) -> st
     seconds = expected_seconds(engine, width, height, radius)
     time = f"{max(seconds, 1):.0f} s" if seconds < 90 else f"{math.ceil(seconds / 60)} minutes"
     share = f"{100 * radius / width:.0f} % of the width"
-    return f"bokehnet: blur up to {radius:.0f} px, {share}: expect about {time}"
+    return f"bokehnet: note: blur up to {radius:.0f} px, {share}: expect about {time}"
