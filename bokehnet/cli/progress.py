@@ -78,7 +78,7 @@ def write_above(line: str) -> None:
 
     bars = list(getattr(tqdm, "_instances", ()))
     if not any(bar.format_dict["elapsed"] >= bar.delay for bar in bars):
-        print(line, file=sys.stderr)
+        sys.stderr.write(f"{line}\n")
         return
     tqdm.write(line, file=sys.stderr)
     for bar in bars:  # the write has made all bars visible

@@ -40,7 +40,9 @@ def krita(task, home):
         environment["PYTHONPATH"] = f"{home}/.local/share/krita/pykrita:{ROOT}/tests/hosts"
         display = str(200 + os.getpid() % 1000)  # two that look for one at once would take the same
         script = ["kritarunner", "-s", "krita_child", "-f", "main", str(task.folder)]
-        return task.run(["xvfb-run", "-a", "-n", display, *script], environment, options, depth, None)
+        return task.run(
+            ["xvfb-run", "-a", "-w", "10", "-n", display, *script], environment, options, depth, None
+        )
 
     return run
 
