@@ -1,9 +1,11 @@
 """Files that name what the package needs agree. Authority: pyproject.toml, metadata of what is installed."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, requires
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 
 import pytest
 
@@ -58,6 +60,24 @@ def test_the_constraints_name_all_that_the_development_environment_holds():
     needed = installed_by("dev")
     assert {"numpy", "pytest", "starlette"} <= needed
     assert sorted(needed - named) == []
+
+
+def test_a_picture_is_rendered_with_the_packages_of_the_base_alone(tmp_path):
+    """Authority: the dependencies in pyproject.toml; packages of extras cannot be imported."""
+    needed = installed_by("models")
+    absent = [
+        module
+        for module, names in packages_distributions().items()
+        if not needed & {canonical(name) for name in names} and not module.startswith("bokehnet")
+    ]
+    assert {"torch", "scipy", "pytest"} <= set(absent)
+    code = "import sys; sys.modules.update(dict.fromkeys(sys.argv[2:])); from bokehnet.cli.app import run; "
+    code += "sys.exit(run(['demo', '-o', sys.argv[1]]))"
+    picture = tmp_path / "demo.png"
+    words = [sys.executable, "-c", code, str(picture), *absent]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert picture.exists()
 
 
 def test_the_container_installs_locked_versions_with_hashes():
