@@ -3,7 +3,6 @@
 import asyncio
 import json
 import struct
-import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from starlette.staticfiles import StaticFiles
 
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.settings.preset import load_preset, presets
+from bokehnet.studio.failures import failure_message
 from bokehnet.studio.files.uploads import UploadTooLargeError, receive, safe_name
 from bokehnet.studio.guard import Application, Guard
 from bokehnet.studio.looks import depth_offer
@@ -107,7 +107,7 @@ def answered(handler: Handler) -> Handler:
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             return JSONResponse({"error": f"invalid request: {type(error).__name__}", "path": ""}, 400)
         except Exception as error:  # a bug must not stop the page
-            return JSONResponse({"error": _bug_message(error)}, 500)
+            return JSONResponse({"error": failure_message(error)}, 500)
 
     return answer
 
@@ -115,12 +115,6 @@ def answered(handler: Handler) -> Handler:
 def _error_response(error: BokehnetError, status: int) -> Response:
     path = error.parameter if isinstance(error, ParameterError) else ""
     return JSONResponse({"error": " ".join(str(error).split()), "path": path}, status)
-
-
-def _bug_message(error: Exception) -> str:
-    """Return one line about an unexpected exception, and print its traceback to stderr."""
-    traceback.print_exception(error)
-    return " ".join(f"internal error: {type(error).__name__}: {error}".split())
 
 
 async def _count(request: Request) -> int:
@@ -158,10 +152,6 @@ def framed_bytes(content: bytes, **header: Any) -> bytes:
     """Return a frame for the page: length of a JSON header, the header, the content."""
     encoded = json.dumps(header | {"bytes": len(content)}).encode()
     return struct.pack("<I", len(encoded)) + encoded + content
-
-
-def _line(**facts: Any) -> bytes:
-    return framed_bytes(b"", **facts)
 
 
 class _Api:
@@ -353,17 +343,17 @@ class _Api:
                     waiting = asyncio.ensure_future(asyncio.to_thread(_next, stages))
                     waiting.add_done_callback(_retrieve_exception)
                     while not (await asyncio.wait([waiting], timeout=0.2))[0]:
-                        yield _line(stage="progress", share=fraction[0])
+                        yield framed_bytes(b"", stage="progress", share=fraction[0])
                     picture = waiting.result()
                     if picture is None:
                         return
                     yield _framed(picture)
             except RenderCancelled:
-                yield _line(stage="cancelled")
+                yield framed_bytes(b"", stage="cancelled")
             except BokehnetError as error:
-                yield _line(stage="error", error=" ".join(str(error).split()))
+                yield framed_bytes(b"", stage="error", error=" ".join(str(error).split()))
             except Exception as error:  # a bug must not stop the page
-                yield _line(stage="error", error=_bug_message(error))
+                yield framed_bytes(b"", stage="error", error=failure_message(error))
             finally:
                 cancel.set()
 

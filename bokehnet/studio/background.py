@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import signal
 import threading
-import traceback
 from collections.abc import Callable
 from time import monotonic
 from typing import Any, Protocol
@@ -14,6 +13,7 @@ from bokehnet.errors import BokehnetError, RenderCancelled
 from bokehnet.processes.limits import limit_address_space, limit_cpu_time
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
+from bokehnet.studio.failures import failure_message
 
 __all__ = ["BackgroundProcess", "Task"]
 
@@ -164,7 +164,6 @@ def _serve(pipe: Any, current: Any, niceness: int) -> None:
         except MemoryError:
             answer = (number, "error", BokehnetError("out of memory, try a smaller picture"))
         except Exception as error:  # a bug must not stop the next task
-            traceback.print_exc()
-            answer = (number, "error", BokehnetError(f"internal error: {type(error).__name__}: {error}"))
+            answer = (number, "error", BokehnetError(failure_message(error)))
         with contextlib.suppress(BrokenPipeError):
             pipe.send(answer)

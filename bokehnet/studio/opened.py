@@ -21,7 +21,7 @@ from bokehnet.progress import Progress
 from bokehnet.scene.blur_strength import completed_blur, equivalent_f_number
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
-from bokehnet.scene.preparation.recovered_light import recovered_light
+from bokehnet.scene.preparation.recovered_light import is_photograph, recovered_light
 from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
 from bokehnet.scene.subject import Subject, find_subject
 from bokehnet.settings.settings import (
@@ -214,8 +214,7 @@ class Opened:
     @property
     def has_clipped_light(self) -> bool:
         """True if a render may estimate clipped light: in photographs, not in files of scene-linear light."""
-        frame = self.scene.frame
-        return frame is not None and frame.is_display_referred and self.scene.supersampled == 1
+        return is_photograph(self.scene)
 
     @property
     def export_suffix(self) -> str:

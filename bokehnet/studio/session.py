@@ -3,7 +3,6 @@
 import shutil
 import tempfile
 import threading
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
+from bokehnet.studio.failures import failure_message
 from bokehnet.studio.files.archive import read_session, write_session
 from bokehnet.studio.files.saved_session import session_content, session_state
 from bokehnet.studio.files.uploads import safe_name
@@ -425,7 +425,7 @@ class Session:
                 self.open(opened.path, settings, seconds=_MAX_ESTIMATE_SECONDS)
                 self.jobs["estimate"] = {"state": "done"}
             except Exception as error:
-                self.jobs["estimate"] = {"state": "failed", "error": self._clean(_message(error))}
+                self.jobs["estimate"] = {"state": "failed", "error": self._clean(failure_message(error))}
 
         threading.Thread(target=run, daemon=True).start()
 
@@ -473,7 +473,7 @@ class Session:
             shutil.rmtree(folder, ignore_errors=True)
             self.jobs["export"] = {"state": "idle"}
         except Exception as error:
-            self.jobs["export"] = {"state": "failed", "error": self._clean(_message(error))}
+            self.jobs["export"] = {"state": "failed", "error": self._clean(failure_message(error))}
 
     def _remove_unused(self) -> None:
         """Delete uploads that are no longer used: previous pictures, and those that could not be opened."""
@@ -497,11 +497,3 @@ class Session:
         """Return a message without the paths of the studio's temporary folders."""
         words = text.split(str(self.folder))
         return words[0] + "".join(word.split("/", 2)[-1] for word in words[1:])
-
-
-def _message(error: Exception) -> str:
-    """Return the message of an error; print the traceback of a bug to stderr."""
-    if isinstance(error, BokehnetError):
-        return str(error)
-    traceback.print_exception(error)
-    return f"internal error: {error}"
