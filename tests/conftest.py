@@ -68,10 +68,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests that start an interpreter ``slow``, and deselect slow tests in a quick run."""
+    """Mark tests that start an interpreter ``slow``, and deselect slow tests in a quick run.
+
+    A test of a browser or of another program is repeated once: its clock is not the project's own.
+    """
     for item in items:
-        if PROCESS_FIXTURES & set(getattr(item, "fixturenames", ())):
+        names = set(getattr(item, "fixturenames", ()))
+        if PROCESS_FIXTURES & names:
             item.add_marker("slow")
+        if "browser" in names or item.get_closest_marker("host"):
+            item.add_marker(pytest.mark.flaky(reruns=1))
     if not _is_quick(config):
         return
     slow = [item for item in items if item.get_closest_marker("slow")]

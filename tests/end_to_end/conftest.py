@@ -93,6 +93,7 @@ def page(browser, studio) -> Iterator[object]:
     opened.on("console", lambda told: faults.append(told.text) if "Content Security" in told.text else None)
     opened.goto(studio.address)
     opened.wait_for_selector("body[data-settled]")
+    until(opened, "document.querySelector('#command').textContent !== ''")  # comes after the picture
     yield opened
     assert faults == []
     context.close()
