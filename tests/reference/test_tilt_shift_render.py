@@ -130,10 +130,10 @@ def test_discs_are_the_cones_of_traced_rays(tilt):
             run = seen / (1 + seen @ aberration_map.tilt)[:, None]
             assert_allclose(place + defocus[:, None] * run, PIXELS, atol=1e-6)
             # The map itself takes the aperture as parallel to the sensor, which is off by so much:
-            taken = aberration_map(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
+            selected = aberration_map(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
             angle = math.acos(axes[2, 2])
             allowed = 1 - math.cos(angle) + math.sin(angle) * (np.abs(slopes).max() + radius / 350)
-            assert np.linalg.norm(taken - run, axis=-1).max() <= 1.5 * allowed
+            assert np.linalg.norm(selected - run, axis=-1).max() <= 1.5 * allowed
             strongest = max(strongest, np.linalg.norm(run - seen, axis=-1).max())
     assert strongest > 0.05
 
@@ -170,18 +170,18 @@ def test_rays_follow_the_cones(slope):
     defocus = plane_defocus(np.full((120, 160), 0.7, np.float32), blur, plane)
     y, x = np.mgrid[:120, :160].astype(float)
     radius = blur * (0.7 - plane.at(x, y))
-    wanted = np.zeros((120, 160, 3))
+    expected = np.zeros((120, 160, 3))
     pupil = disc_from_square(np.stack([halton(512, 2), halton(512, 3)], -1))
     for u, v in pupil:
         for channel in range(3):
             places = y - radius * v, x - radius * u
-            wanted[..., channel] += map_coordinates(image[..., channel], places, order=1, mode="nearest")
-    wanted /= len(pupil)
+            expected[..., channel] += map_coordinates(image[..., channel], places, order=1, mode="nearest")
+    expected /= len(pupil)
     aberration_map = plane_aberration_map(plane, blur)
     inside = slice(25, -25)
     error = {}
     for name, lens_response in (("conic", LensResponse(aberration_map=aberration_map)), ("round", None)):
-        found = rays(image, defocus, lens_response=lens_response)
-        error[name] = float(((found - wanted)[inside, inside] ** 2).mean()) ** 0.5
+        picture = rays(image, defocus, lens_response=lens_response)
+        error[name] = float(((picture - expected)[inside, inside] ** 2).mean()) ** 0.5
     assert error["conic"] < 0.005
     assert error["conic"] < 0.5 * error["round"]

@@ -107,11 +107,11 @@ def main() -> None:
     for path in sorted(arguments.folder.glob(f"{arguments.prefix}__f*.npz")):
         psf, height = read_zemax(path)
         zemax, angle = _centred(psf), angle_of_height(lens, shift, height if abs(height) > _PITCH_MM else 0.0)
-        ours = _centred(parallel_psf(lens, angle, shift, len(zemax))[0])
-        plain, smooth = correlation(zemax, ours), correlation(_smooth(zemax), _smooth(ours))
+        result = _centred(parallel_psf(lens, angle, shift, len(zemax))[0])
+        plain, smooth = correlation(zemax, result), correlation(_smooth(zemax), _smooth(result))
         print(
             f"{height:8.4f} mm, {angle:5.2f} degrees: correlation {plain:.3f}, without rings {smooth:.3f}, "
-            f"RMS radius {_radius(zemax):.2f} and {_radius(ours):.2f} um",
+            f"RMS radius {_radius(zemax):.2f} and {_radius(result):.2f} um",
             flush=True,
         )
 

@@ -29,8 +29,8 @@ def compiled(build, *ranks, threads=1):
 
     def call(*arrays):
         fed = {f"in{i}": np.ascontiguousarray(x, np.float32) for i, x in enumerate(arrays)}
-        found = session.run(None, fed)
-        return found if len(found) > 1 else found[0]
+        result = session.run(None, fed)
+        return result if len(result) > 1 else result[0]
 
     return call
 

@@ -42,15 +42,15 @@ def test_the_file_names_its_renderer(tmp_path):
     output.close()
     assert read_frame(path).renderer == "arnold"
     scene = read_scene(path, source=ConstantDisparity(value=0.2))
-    found = choose_filter(scene, "auto")
-    assert str(found) == "gaussian:2 (of arnold, which wrote the file)"
+    choice = choose_filter(scene, "auto")
+    assert str(choice) == "gaussian:2 (of arnold, which wrote the file)"
     assert choose_filter(scene, "mitchell").pixel_filter == PixelFilter("mitchell", 4)
 
 
 def test_without_metadata_the_edges_decide():
     scene = make_scene(np.full((20, 30, 3), 0.5, np.float32), ConstantDisparity(value=0.2))
-    found = choose_filter(scene, "auto")
-    assert (found.pixel_filter, found.confidence) == (DEFAULT_FILTER, 0.0)
+    choice = choose_filter(scene, "auto")
+    assert (choice.pixel_filter, choice.confidence) == (DEFAULT_FILTER, 0.0)
 
 
 def test_the_report_names_the_filter_of_unmixed_pixels():
@@ -69,8 +69,10 @@ def test_the_filter_reaches_the_rays():
     renderer = BokehRenderer("rays")
     defocus = 10 * (disparity - 0.5)
     pictures = [
-        renderer.render_arrays(image, defocus, options=RenderOptions(pixel_filter=PixelFilter(*told))).bokeh
-        for told in (("box", 1.0), ("gaussian", 4.0))
+        renderer.render_arrays(
+            image, defocus, options=RenderOptions(pixel_filter=PixelFilter(*message))
+        ).bokeh
+        for message in (("box", 1.0), ("gaussian", 4.0))
     ]
     assert np.abs(pictures[0] - pictures[1]).max() > 0.01
 

@@ -50,16 +50,16 @@ def test_rays_bring_what_the_post_process_cannot_see():
     """Authority: a distribution tracer of the same callback."""
     image, depth, normals = pinhole()
     exact = truth()
-    made = {
+    results = {
         (mask, rule): selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=mask, rule=rule)
         for mask, rule in (("sobel-depth", "tan"), ("reach", "tan"), ("reach", "ours"))
     }
-    near = made["reach", "ours"].rays > 0
-    post = rms(made["reach", "ours"].post_process[near], exact[near])
-    published, masked, ours = (rms(result.bokeh[near], exact[near]) for result in made.values())
-    assert max(ours, masked) < published
-    assert ours < 0.5 * post
-    ratio = made["reach", "ours"].hit_ratio[HEIGHT // 2]
+    near = results["reach", "ours"].rays > 0
+    post = rms(results["reach", "ours"].post_process[near], exact[near])
+    published, masked, own = (rms(result.bokeh[near], exact[near]) for result in results.values())
+    assert max(own, masked) < published
+    assert own < 0.5 * post
+    ratio = results["reach", "ours"].hit_ratio[HEIGHT // 2]
     assert ratio[WIDTH // 2 - 3] > 0.8 > 0.2 > ratio[WIDTH // 2 + 2]  # either side of the card's edge
 
 
@@ -93,21 +93,21 @@ def test_normals_of_a_slanted_plane():
     """Authority: z = c / (1 - x m) has the normal (-m, 0, 1) up to length and sign."""
     slope = (np.arange(30) - 14.5) * 0.02
     depth = np.tile(1000 / (1 - 0.5 * slope), (20, 1))
-    wanted = np.array([-0.5, 0, 1]) / np.sqrt(1.25)
-    found = normals_of_depth(depth, 0.02)[5:-5, 5:-5]
-    np.testing.assert_allclose(np.abs(found @ wanted), 1, atol=1e-3)
-    assert (found[..., 2] < 0).all()
+    expected = np.array([-0.5, 0, 1]) / np.sqrt(1.25)
+    result = normals_of_depth(depth, 0.02)[5:-5, 5:-5]
+    np.testing.assert_allclose(np.abs(result @ expected), 1, atol=1e-3)
+    assert (result[..., 2] < 0).all()
 
 
 def test_a_budget_is_kept_and_seeds_repeat():
     image, depth, normals = pinhole()
-    made = [
+    results = [
         selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask="reach", budget=6.0, seed=seed)
         for seed in (1, 1, 2)
     ]
-    assert made[0].rays.mean() <= 6.1
-    np.testing.assert_array_equal(made[0].bokeh, made[1].bokeh)
-    assert (made[0].bokeh != made[2].bokeh).any()
+    assert results[0].rays.mean() <= 6.1
+    np.testing.assert_array_equal(results[0].bokeh, results[1].bokeh)
+    assert (results[0].bokeh != results[2].bokeh).any()
 
 
 def answers(color=np.ones((4, 3)), depth=np.ones(4), hit=np.ones(4)):  # noqa: B008
@@ -170,16 +170,16 @@ def test_rays_of_the_last_frame_follow_their_surfaces():
     motion = np.zeros((5, 7, 2))
     motion[..., 0] = 1.6  # two pixels to the right of where they are now
     now = np.where(rng.random((5, 7)) < 0.8, np.roll(depth, -2, 1), 500.0)
-    found = old.moved(motion, now)
+    result = old.moved(motion, now)
     for y in range(5):
         for x in range(7):
-            taken = x + 2 < 7 and depth[y, min(x + 2, 6)] == now[y, x]
+            selected = x + 2 < 7 and depth[y, min(x + 2, 6)] == now[y, x]
             before, here = 7 * y + min(x + 2, 6), 7 * y + x
-            share = taken * min(1, 64 / max(old.count[:, before].sum(), 1))
-            assert np.allclose(found.light[:, here], share * old.light[:, before])
-            assert np.allclose(found.count[:, here], share * old.count[:, before])
-            assert found.first[here] == pytest.approx(share * old.first[before])
-    assert found.count.sum(0).max() <= 64 + 1e-9
+            share = selected * min(1, 64 / max(old.count[:, before].sum(), 1))
+            assert np.allclose(result.light[:, here], share * old.light[:, before])
+            assert np.allclose(result.count[:, here], share * old.count[:, before])
+            assert result.first[here] == pytest.approx(share * old.first[before])
+    assert result.count.sum(0).max() <= 64 + 1e-9
     with pytest.raises(ShapeError, match="motion"):
         old.moved(motion[..., 0], now)
 

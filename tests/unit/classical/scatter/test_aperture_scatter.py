@@ -225,9 +225,9 @@ def test_derivative_by_the_defocus_is_that_of_the_forward(name, largest):
     ahead = scatter_forward(values, defocus + step * direction, aperture)
     behind = scatter_forward(values, defocus - step * direction, aperture)
     _, slopes = scatter_backward(values, defocus, gradient, aperture)
-    wanted = ((ahead - behind) * gradient).sum() / (2 * step)
+    expected = ((ahead - behind) * gradient).sum() / (2 * step)
     scale = np.abs(slopes).sum()
-    assert (slopes * direction).sum() == pytest.approx(wanted, abs=1e-5 * scale)
+    assert (slopes * direction).sum() == pytest.approx(expected, abs=1e-5 * scale)
 
 
 @pytest.mark.parametrize("channels", [1, 3, 5, 8])

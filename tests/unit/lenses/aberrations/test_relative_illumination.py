@@ -33,9 +33,9 @@ def test_light_in_the_corners_is_what_the_scene_sends_there(name):
     light = relative_illumination(lens, radius)
     _, middle = by_etendue(lens, 0.02)
     for share in (0.5, 0.9):
-        height, found = by_etendue(lens, share * radius / lens.sensor_distance)
-        wanted = np.interp(height / radius, np.linspace(0, 1, 33), light)
-        assert found / middle == pytest.approx(wanted, abs=0.02)
+        height, result = by_etendue(lens, share * radius / lens.sensor_distance)
+        expected = np.interp(height / radius, np.linspace(0, 1, 33), light)
+        assert result / middle == pytest.approx(expected, abs=0.02)
 
 
 def test_a_stopped_down_lens_follows_the_cosine():
