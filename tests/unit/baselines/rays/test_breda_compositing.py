@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.baselines.gather.scatter_as_you_gather import jimenez
 from bokehnet.baselines.rays.breda_compositing import combined_factor, in_focus_diameter, split_fields
-from bokehnet.baselines.rays.selective_rays import selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, selective_rays
 from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from tests.unit.baselines.rays.test_selective_rays import LENS, PITCH, pinhole, rms, trace_rays, truth
 
@@ -65,7 +65,13 @@ def test_both_rules_against_distributed_rays():
     common = {"mask": "reach", "frames": 8, "max_rays": 8}
     results = {
         rule: selective_rays(
-            image, depth, normals, trace_rays, LENS, PITCH, rule=rule, post_process=post, **common
+            image,
+            depth,
+            normals,
+            trace_rays,
+            LENS,
+            PITCH,
+            RaySelection(rule=rule, post_process=post, **common),
         )
         for rule, post in (("breda", jimenez), ("fields", scatter))
     }

@@ -4,7 +4,7 @@ import pytest
 from bokehnet.baselines.gather.scatter_as_you_gather import tan
 from bokehnet.baselines.rays.ray_mask import in_mixed_tiles, normals_of_depth, ray_mask, sobel_magnitude
 from bokehnet.baselines.rays.reprojection import History
-from bokehnet.baselines.rays.selective_rays import checked_trace, lens_rays, selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, checked_trace, lens_rays, selective_rays
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.pixels.sample_allocation import neyman
@@ -51,7 +51,9 @@ def test_rays_bring_what_the_post_process_cannot_see():
     image, depth, normals = pinhole()
     exact = truth()
     results = {
-        (mask, rule): selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=mask, rule=rule)
+        (mask, rule): selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=mask, rule=rule)
+        )
         for mask, rule in (("sobel-depth", "tan"), ("reach", "tan"), ("reach", "ours"))
     }
     near = results["reach", "ours"].rays > 0
@@ -67,7 +69,10 @@ def test_parallel_cards_are_no_edge_to_their_normals():
     image, depth, normals = pinhole()
     blind = selective_rays(image, depth, normals, trace_rays, LENS, PITCH)
     assert blind.rays.max() == 0
-    assert selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask="reach").rays.max() > 0
+    assert (
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask="reach")).rays.max()
+        > 0
+    )
 
 
 def test_sobel_gives_the_slope_of_a_ramp():
@@ -102,7 +107,9 @@ def test_normals_of_a_slanted_plane():
 def test_a_budget_is_kept_and_seeds_repeat():
     image, depth, normals = pinhole()
     results = [
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask="reach", budget=6.0, seed=seed)
+        selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask="reach", budget=6.0, seed=seed)
+        )
         for seed in (1, 1, 2)
     ]
     assert results[0].rays.mean() <= 6.1
@@ -151,7 +158,7 @@ def test_wrong_numbers_are_refused():
         ({"max_rays": 0}, "max_rays"),
     ):
         with pytest.raises(ParameterError, match=name):
-            selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
+            selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(**options))
     with pytest.raises(ShapeError, match="depth"):
         selective_rays(image, depth[1:], normals, trace_rays, LENS, PITCH)
 
@@ -188,9 +195,11 @@ def test_a_frame_with_its_past_is_less_noisy_and_sends_no_more_rays():
     image, depth, normals = pinhole()
     exact, still = truth(), np.zeros((HEIGHT, WIDTH, 2))
     options = {"mask": "reach", "rule": "ours", "frames": 1}
-    first = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
+    first = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(**options))
     past, alone = (
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, seed=1, history=history, **options)
+        selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(seed=1, history=history, **options)
+        )
         for history in (first.history.moved(still, depth), None)
     )
     near = first.rays > 0
@@ -209,12 +218,7 @@ def test_rays_go_where_noise_shows_and_no_budget_is_passed():
             trace_rays,
             LENS,
             PITCH,
-            mask="reach",
-            rule="ours",
-            max_rays=8,
-            frames=6,
-            budget=6,
-            allocation=allocation,
+            RaySelection(mask="reach", rule="ours", max_rays=8, frames=6, budget=6, allocation=allocation),
         )
         for allocation in (None, neyman)
     )
@@ -237,7 +241,8 @@ def test_tiles_of_one_depth_send_no_rays_and_take_the_cheap_way():
     depth, normals = np.full(wide.shape[:2], FAR / 2), np.tile(normals, (1, 4, 1))
     normals[:, 60:] = [1, 0, 0]
     whole, cheap = (
-        selective_rays(wide, depth, normals, trace_rays, LENS, PITCH, by_tile=way) for way in (False, True)
+        selective_rays(wide, depth, normals, trace_rays, LENS, PITCH, RaySelection(by_tile=way))
+        for way in (False, True)
     )
     assert whole.rays.max() > 0
     assert cheap.rays.max() == 0
@@ -252,9 +257,9 @@ def test_a_custom_mask_selects_the_pixels_that_send_rays():
     image, depth, normals = pinhole()
     share = np.zeros(depth.shape)
     share[:, WIDTH // 2 - 4 : WIDTH // 2 + 4] = 1
-    sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share).rays
+    sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=share)).rays
     assert np.array_equal(sent > 0, share > 0)
     with pytest.raises(ParameterError, match=r"^mask: expected fractions from 0 to 1"):
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=2 * share)
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=2 * share))
     with pytest.raises(ShapeError, match="mask"):
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share[1:])
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=share[1:]))
