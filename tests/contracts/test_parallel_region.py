@@ -12,7 +12,7 @@ from bokehnet.precompiled.kernel import Kernel
 
 
 def is_open() -> bool:
-    """Whether another thread than this one could enter the region now."""
+    """Return whether another thread could enter the region now."""
     results = []
 
     def look() -> None:

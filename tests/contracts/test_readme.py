@@ -1,4 +1,4 @@
-"""What the README tells people to type exists."""
+"""Commands and names of the README exist."""
 
 import importlib.util
 import re

@@ -1,4 +1,4 @@
-"""What is released is whole and agrees with itself. Authority: git's list of files."""
+"""Releases are complete and consistent. Authority: git's list of files."""
 
 import re
 import subprocess

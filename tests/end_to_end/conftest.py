@@ -115,7 +115,7 @@ def settle() -> Callable[..., None]:
 
 @pytest.fixture
 def pixels() -> Callable[..., np.ndarray]:
-    """What a canvas shows, (H, W, 4)."""
+    """Return the pixels of a canvas, (H, W, 4)."""
 
     def read(page, canvas: str = "#result") -> np.ndarray:
         result = page.evaluate(

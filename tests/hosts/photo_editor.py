@@ -1,4 +1,4 @@
-"""What the tests of photo editors share: a picture with its disparity, a task for the editor, its answer."""
+"""Shared parts of the tests of photo editors: a picture with its disparity, a task, the answer."""
 
 import json
 import subprocess

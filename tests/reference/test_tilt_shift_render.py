@@ -36,7 +36,7 @@ PIXELS = np.array([CENTRE, (0, 0), (WIDTH - 1, 20), (40, HEIGHT - 1), (150, 100)
 
 
 def seen_from(camera, pixels, pupil, depth=None):
-    """Where rays of pixels (N, 2) through pupil points (N, 2) are seen in the picture, and 1 / depth.
+    """Return the positions in the picture of rays of pixels (N, 2) by pupil points (N, 2), and 1 / depth.
 
     Traced: the sensor is tilted in the axes of the lens; all is told in the axes of the sensor. At ``depth``
     along its normal, mm; by default where the ray meets that of the middle of the pupil.
@@ -86,7 +86,7 @@ def test_the_plane_in_focus_is_that_of_traced_rays(tilt):
 
 
 def test_three_pixels_determine_the_plane_on_any_tilted_and_shifted_sensor():
-    """Where traced rays meet, at three pixels and at others; the lens does not stand before the middle."""
+    """Authority: intersections of traced rays, at three pixels and at others; the lens is off the middle."""
     lens = TiltShift(
         lens=ThinLens(focal_length=50.0, f_number=2.0, focus_distance=900.0),
         tilt=(-11.0, 4.0),

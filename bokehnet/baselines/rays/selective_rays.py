@@ -262,8 +262,7 @@ def selective_rays(
         ShapeError: The sizes differ.
     """
     selection = selection or RaySelection()
-    rule, budget = selection.rule, selection.budget
-    frames, max_rays = selection.frames, selection.max_rays
+    rule = selection.rule
     for name, array in (("depth", depth), ("normals", normals)):
         check_same_size("image", image, name, array)
     defocus = np.asarray(lens.coc_radius(1 / np.asarray(depth, np.float64)) / pixel_pitch, np.float32)
@@ -279,19 +278,8 @@ def selective_rays(
         check_same_size("image", image, "history", selection.history.depth)
         moments.start_from(selection.history)
     sent_before = moments.rays
-    for frame in range(frames):
-        fraction = _fraction_of_rays(moments, ray_fraction, post.reshape(-1, 3), size, rule, frame)
-        counts = np.round(fraction * max_rays)
-        if selection.allocation is not None and rule == "ours" and frame:
-            limit = counts.sum()
-            if budget is not None:  # unused rays of earlier frames carry over
-                limit = (budget * (frame + 1) / frames) * defocus.size - (moments.rays - sent_before).sum()
-            visible_variance = _visible_variance(moments, post.reshape(-1, 3), size) * (ray_fraction > 0)
-            counts = _capped(selection.allocation, visible_variance, moments.rays, int(limit), max_rays)
-        elif budget is not None and counts.mean() > budget / frames:
-            counts = np.floor(
-                fraction * max_rays * (budget / frames / counts.mean()) + rng.random(defocus.size)
-            )
+    for frame in range(selection.frames):
+        counts = _ray_counts(selection, moments, ray_fraction, post, sent_before, frame, rng)
         pixels = np.repeat(np.arange(defocus.size), counts.astype(np.int64))
         if len(pixels):
             origins, directions = lens_rays(lens, size, pixel_pitch, pixels, rng)
@@ -329,6 +317,31 @@ def selective_rays(
             depth=np.asarray(depth, np.float64),
         ),
     )
+
+
+def _ray_counts(
+    selection: RaySelection,
+    moments: _Moments,
+    ray_fraction: np.ndarray,
+    post: np.ndarray,
+    sent_before: np.ndarray,
+    frame: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return the number of rays of each pixel in a frame, (H * W,)."""
+    budget, frames, max_rays = selection.budget, selection.frames, selection.max_rays
+    size, flat = post.shape[:2], post.reshape(-1, 3)
+    fraction = _fraction_of_rays(moments, ray_fraction, flat, size, selection.rule, frame)
+    counts: np.ndarray = np.round(fraction * max_rays)
+    if selection.allocation is not None and selection.rule == "ours" and frame:
+        limit = counts.sum()
+        if budget is not None:  # unused rays of earlier frames carry over
+            limit = (budget * (frame + 1) / frames) * len(flat) - (moments.rays - sent_before).sum()
+        visible_variance = _visible_variance(moments, flat, size) * (ray_fraction > 0)
+        return _capped(selection.allocation, visible_variance, moments.rays, int(limit), max_rays)
+    if budget is not None and counts.mean() > budget / frames:
+        counts = np.floor(fraction * max_rays * (budget / frames / counts.mean()) + rng.random(len(flat)))
+    return counts
 
 
 def _by_fields(

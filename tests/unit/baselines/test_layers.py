@@ -110,7 +110,7 @@ def test_tiles_know_the_nearest_and_the_most_blurred_around():
 
 @pytest.mark.parametrize("method", [jimenez, tan])
 def test_tiles_of_one_depth_lose_nothing_by_the_cheap_way(method):
-    """Where all have one blur all weights are the same; the blur asks for as many rings as are published."""
+    """All weights are equal at one blur, which needs as many rings as are published."""
     image = np.random.default_rng(2).random((96, 128, 3)).astype(np.float32)
     rings = 3 if method is jimenez else 4
     defocus = np.full((96, 128), 2.0 * rings - 0.5, np.float32)

@@ -1,4 +1,4 @@
-"""What all baselines have in common, and that engines render with them."""
+"""Common properties of all baselines, and engines that render with them."""
 
 from importlib import import_module
 

@@ -93,7 +93,7 @@ def test_scenes_that_are_not_there_are_named(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_figures_of_the_first_scene(shared):
-    """What was reached at edges of two shots of the still life; less is a step back."""
+    """Lower bounds of the quality at edges of two shots of the still life."""
     folder = shared("cycles") / "s1_still_life"
     least = {"perimeter": 33.9, "overlap": 33.3, "gather_bokeh": 36.4, "rays": 38.0}
     means = theses.print_scene(folder, {name: theses.render_with(name) for name in least}, 2)

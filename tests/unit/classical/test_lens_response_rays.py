@@ -47,7 +47,7 @@ def aberration_map(vignetting_apertures=(), tilt=(0.0, 0.0), **terms: float) -> 
 
 
 def seen(image, defocus, lens_response, count=750):
-    """What each pixel sees of a single plane, all over itself, by nearest pixels; the border goes on."""
+    """Return the light of a single plane in each pixel by nearest pixels; the border continues."""
     starts = np.stack([halton(count, 7), halton(count, 11)], -1) - 0.5
     pupil = disc_from_square(np.stack([halton(count, 2), halton(count, 3)], -1))
     wavelengths, colors = lens_response.sample_wavelengths(count)

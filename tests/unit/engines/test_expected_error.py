@@ -1,4 +1,4 @@
-"""What error is to be expected of the rays: where it is told, and that it tells something."""
+"""Expected error of the rays: outputs that contain it, and its agreement with the true error."""
 
 from dataclasses import replace
 

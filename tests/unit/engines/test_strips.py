@@ -267,7 +267,7 @@ def test_what_cannot_be_written_to_is_left_alone():
 
 
 def test_memory_that_is_taken_counts():
-    """What is left decides: the same strips, and the least is told in all."""
+    """The remaining memory decides: the same strips, and the minimum includes all memory."""
     left = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
     assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
         *cut_strips(1000, 80, 10, "rays", left)

@@ -129,7 +129,7 @@ def test_coefficients_are_those_of_born_and_wolf(name):
 
 @pytest.mark.parametrize("name", catalog_names(mirrors=False))
 def test_sums_with_the_half_before_the_first_term_only_are_not_those_of_traced_rays(name):
-    """What is printed in our source: D is wrong for every lens, and rays do not miss so."""
+    """As printed in the source, D is wrong for every lens, and disagrees with traced rays."""
     lens = make_lens(name)
     right, printed = (in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False))
     assert abs(printed["D"] / right["D"] - 1) > 0.5

@@ -72,7 +72,7 @@ def test_nothing_of_a_light_is_left_next_to_its_disc(spread):
 
 
 def test_the_number_of_threads_changes_no_bit():
-    """Where indices repeat, an operator that adds from several threads at once would."""
+    """Indices repeat: an operator that adds from several threads at once would fail."""
     values, defocus = weighted(picture(200, 300)), steps(200, 300, 20)
     results = [
         compiled(spread_discs, 3, 2, threads=n)(values.transpose(2, 0, 1), defocus) for n in (1, 2, 2, 2)

@@ -69,7 +69,7 @@ def served(folder, handler):
 
 @pytest.fixture
 def address(folder):
-    """Where the page's own server has it."""
+    """Return the address on the page's own server."""
     server = served(folder, runpy.run_path(str(folder / "serve.py"))["Handler"])
     yield f"http://localhost:{server.server_port}"
     server.shutdown()
@@ -115,7 +115,7 @@ def choose(page, folder, **names):
 
 
 def wanted(folder, focus):
-    """What the package makes of it, as sRGB values."""
+    """Return the picture of the package, as sRGB values."""
     image, disparity = read_image(folder / "photo.png"), read_disparity(folder / "disparity.png")
     defocus = defocus_from_disparity(disparity, BLUR, focus).astype(np.float32)
     return linear_to_srgb(np.clip(BokehRenderer("fast").render_arrays(image, defocus).bokeh, 0, 1))

@@ -190,7 +190,7 @@ def test_pictures_are_those_of_numba(render):
 
 
 def called(built, kernel, *arguments):
-    """What machine code that is looked up now gives."""
+    """Return the result of machine code that is loaded now."""
     run, flat = library.find(kernel, describe(arguments), built), []
     assert run is not None
     flatten(arguments, flat)

@@ -1,4 +1,4 @@
-"""What kinds of arrays the public API takes: floats of any length; nothing else is rendered silently."""
+"""Array types of the public API: floats of any length; nothing else is rendered silently."""
 
 import numpy as np
 import pytest

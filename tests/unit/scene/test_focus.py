@@ -29,7 +29,7 @@ def metric(metres, camera=None):
 
 
 def test_a_lens_is_focused_where_the_plane_is_in_the_middle():
-    """What other options take as the focus; the map is 0.1 at the left and 0.9 at the right, linear."""
+    """The focus in the middle of a map that is linear from 0.1 at the left to 0.9 at the right."""
     depth = relative(np.linspace(0.1, 0.9, WIDTH)[None].repeat(HEIGHT, 0))
     focus = FocusSettings(plane=((3, 3), (60, 5), (20, 30)))
     lens = focus_lens(depth, WINDOW, focus, CameraSettings(blur=6))

@@ -1,4 +1,4 @@
-"""Where the pixel filter of a picture comes from."""
+"""Choice of the pixel filter of a picture."""
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -62,7 +62,7 @@ def test_the_report_names_the_filter_of_unmixed_pixels():
 
 
 def test_the_filter_reaches_the_rays():
-    """How pure the surfaces of an edge pixel come out depends on it."""
+    """The purity of the surfaces of an edge pixel depends on the filter."""
     image = np.full((40, 60, 3), 0.1, np.float32)
     image[:, :30], image[:, 30] = 0.9, 0.6
     disparity = np.where(np.arange(60) < 31, 0.9, 0.1).astype(np.float32) * np.ones((40, 1), np.float32)

@@ -61,7 +61,7 @@ WRONG = {
 
 
 def kind(known):
-    """What sort of values a field takes, told from its type alone."""
+    """Return the sort of values of a field from its type alone."""
     if known.choices:
         return "choice"
     if "tuple" in str(known.type):
@@ -420,7 +420,7 @@ def test_what_does_not_go_together_is_refused_by_its_field(changes, parameter):
 
 
 def test_a_strength_of_0_keeps_what_goes_with_it():
-    """What the command line has always taken: an effect switched off beside its numbers."""
+    """The command line accepts an effect that is switched off together with its numbers."""
     RenderSettings().updated(
         {"effects": {"vignette": 0, "vignette_radius": 0.5, "grain": 0, "grain_mono": True}}
     )

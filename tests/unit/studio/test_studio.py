@@ -1,4 +1,4 @@
-"""What the studio shows and makes: previews are the renderer's pictures, exports the command line's bytes."""
+"""Pictures of the studio: previews equal the renderer's pictures, exports the command line's bytes."""
 
 import dataclasses
 import shlex

@@ -1,4 +1,4 @@
-"""What is broken is named in one line: shards and parts are left out with a count, the rest ends the run."""
+"""Damaged data is reported in one line: shards and parts are left out with a count, the rest ends the run."""
 
 import json
 import shutil

@@ -184,7 +184,7 @@ def test_a_step_is_done_if_it_and_its_inputs_match_the_request(tmp_path):
 
 
 def test_a_training_with_changed_settings_is_not_resumed(tmp_path):
-    """What its own configuration says is the same; an export would be made anew."""
+    """Its own configuration is the same; an export would be repeated."""
     fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)
     finished(Progress(recipe, tmp_path), 0, 1, 2, 3, 4)

@@ -82,7 +82,7 @@ def test_sobel_gives_the_slope_of_a_ramp():
 
 
 def test_a_flat_floor_is_all_edge_by_its_depth():
-    """Why the thesis dropped the depth: on a floor h below, z = h / slope rises with the square of z."""
+    """The thesis dropped the depth, because on a floor h below, z = h / slope rises with the square of z."""
     rows = np.arange(1, 65)[:, None] / 64.0
     depth = np.broadcast_to(1000.0 / rows, (64, 40))[::-1].copy()
     defocus = np.zeros((64, 40), np.float32)

@@ -29,7 +29,7 @@ SHAPES = WHOLE | CLIPPED
 
 
 def one_point(radius: float, aperture: Aperture, dtype=np.float64) -> np.ndarray:
-    """What a point of value 1 in the middle becomes, (N, N)."""
+    """Return the blur of a point of value 1 in the middle, (N, N)."""
     size = 2 * math.ceil(abs(radius)) + 5
     values = np.zeros((size, size, 1), dtype)
     values[size // 2, size // 2] = 1
@@ -39,7 +39,7 @@ def one_point(radius: float, aperture: Aperture, dtype=np.float64) -> np.ndarray
 def point_at(
     x: int, y: int, radius: float, aperture: Aperture, shape: tuple[int, int], **place
 ) -> np.ndarray:
-    """What a point at (x, y) of a picture becomes."""
+    """Return the blur of a point at (x, y) of a picture."""
     values = np.zeros((*shape, 1))
     values[y, x] = 1
     return scatter_forward(values, np.full(shape, radius), aperture, **place)[..., 0]

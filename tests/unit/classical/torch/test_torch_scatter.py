@@ -59,7 +59,7 @@ def array(tensor: torch.Tensor) -> np.ndarray:
 
 
 def point(device: str, size: int, radius: float, value: float = 1.0) -> np.ndarray:
-    """What one bright pixel in the middle becomes."""
+    """Return the blur of one bright pixel in the middle."""
     values, defocus = torch.zeros(size, size, 1), torch.full((size, size), radius)
     values[size // 2, size // 2] = value
     return array(scatter_level(values.to(device), defocus.to(device)))[..., 0]

@@ -42,7 +42,7 @@ def test_the_demo_writes_a_sheet_with_each_distance_sharp_in_its_turn(tmp_path, 
 
 
 def read_as_grey(tile):
-    """What a viewer shows of a tile: its sRGB values."""
+    """Return the sRGB values of a tile, as a viewer shows them."""
     from bokehnet.io.color.srgb import linear_to_srgb
 
     return linear_to_srgb(tile[..., 0])

@@ -1,4 +1,4 @@
-"""What a compositor expects of ``bokehnet render`` on EXR: camera, alpha, units, other channels, windows."""
+"""``bokehnet render`` on EXR as compositors expect it: camera, alpha, units, other channels, windows."""
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813

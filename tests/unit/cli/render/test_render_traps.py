@@ -1,4 +1,4 @@
-"""What would give a wrong picture without a word: each is right, says so in a line, or stops with one."""
+"""Inputs that could give a wrong picture silently: each is right, is reported in a line, or is refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What ``bokehnet render`` says when it is done: a line, nothing, more, or JSON."""
+"""Summary of ``bokehnet render``: a line, nothing, more, or JSON."""
 
 import json
 import re

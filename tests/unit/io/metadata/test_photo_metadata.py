@@ -111,7 +111,7 @@ def photo(tmp_path):
 
 
 def read_by_pillow(path):
-    """What EXIF tells, the packet of XMP, and the size."""
+    """Return the fields of EXIF, the packet of XMP, and the size."""
     image = Image.open(path)
     tags = image.getexif()
     fields, place = tags.get_ifd(EXIF), tags.get_ifd(GPS)

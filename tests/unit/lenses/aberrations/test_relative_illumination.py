@@ -8,7 +8,7 @@ from bokehnet.lenses.aberrations.relative_illumination import relative_illuminat
 
 
 def by_etendue(lens, slope: float, count: int = 400) -> tuple[float, float]:
-    """Where parallel light of a slope arrives, mm, and its irradiance: L cos A dOmega / dA."""
+    """Return the height of parallel light of a slope, mm, and its irradiance: L cos A dOmega / dA."""
     half = 3.0 * lens.thick.pupil_radius
     steps = (np.arange(count) + 0.5) / count * 2 * half - half
     origin = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)

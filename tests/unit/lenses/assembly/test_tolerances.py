@@ -146,7 +146,7 @@ AROUND = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
 
 
 def sharpest_sensor(lens, place):
-    """How far behind its place the sensor would show the point seen at ``place`` with the least spot, mm."""
+    """Return the backward shift of the sensor, mm, with the smallest spot of the point at ``place``."""
     middle = chief_rays(lens, place)
     away = 1.2 * lens.thick.pupil_radius * ring_points(16)
     rays = Rays(origin=middle.origin + away, slope=middle.slope - away / lens.focus_distance)

@@ -24,7 +24,7 @@ def spot_radius(lens, behind: float) -> float:
 
 
 def leaves(lens, rays) -> np.ndarray:
-    """Where rays cross the plane of the exit pupil, mm: by the same lens with its sensor there."""
+    """Return the positions of rays in the exit pupil, mm: by the same lens with its sensor there."""
     moved = type(lens)(
         prescription=lens.prescription, f_number=lens.f_number, focus_distance=lens.focus_distance
     )

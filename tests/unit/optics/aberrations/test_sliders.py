@@ -27,7 +27,7 @@ def transverse_aberration(pupil, field, **sliders):
 
 
 def disc_radii(defocus, pupil, field, **sliders):
-    """Where rays of a light arrive, as distance from where a perfect lens sends it."""
+    """Return the distances of the rays of a light from its image by a perfect lens."""
     return np.linalg.norm(defocus * pupil + transverse_aberration(pupil, field, **sliders), axis=-1)
 
 

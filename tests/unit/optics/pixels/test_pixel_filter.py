@@ -79,7 +79,7 @@ def test_narrow_filters_weigh_finer_pixels_too(name, factor):
 
 
 def test_the_filter_of_blender_over_its_pixels():
-    """What the quadrature of the window over [-1.5, 1.5] gives, to four digits."""
+    """Authority: quadrature of the window over [-1.5, 1.5], to four digits."""
     np.testing.assert_allclose(parse_pixel_filter("blender").weights(), [0.1186, 0.7628, 0.1186], atol=5e-5)
     assert parse_pixel_filter("cycles") == DEFAULT_FILTER
 

@@ -34,7 +34,7 @@ def exact_means(gains, function):
 @pytest.mark.parametrize("dispersion", ["continuous", "rgb"])
 @pytest.mark.parametrize("count", COUNTS)
 def test_white_stays_white(gains, dispersion, count):
-    """What shows no fringe keeps its colour, whatever the equaliser."""
+    """Light without fringes keeps its colour with any equaliser."""
     wavelengths, weights = WavelengthSampling(dispersion=dispersion, equaliser=gains).sample(count)
     assert wavelengths.shape == (count,)
     assert weights.shape == (count, 3)

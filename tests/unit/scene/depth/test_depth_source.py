@@ -1,4 +1,4 @@
-"""Where depth comes from: arrays and files must say the same."""
+"""Depth sources: arrays and files must agree."""
 
 import dataclasses
 import math
@@ -33,7 +33,7 @@ BYTES = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))
 
 @pytest.fixture
 def shown(photo):
-    """What a source is asked about: an array without a file."""
+    """Return a picture for a depth source: an array without a file."""
     return Photo(image=photo, window=Window.whole(64, 40))
 
 

@@ -106,7 +106,7 @@ def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
 
 
 def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
-    """Where nothing is blurred, truth, render and picture agree, whatever was done to them."""
+    """Without blur, truth, render and picture agree after any augmentation."""
     for index in range(12):
         example = examples(config_for(tiny_prepared), seed=1)[index]
         sharp = (example["defocus"].abs() < 0.2) & (example["target"] == 0)

@@ -1,4 +1,4 @@
-"""What a run tells while it goes."""
+"""Log of a run."""
 
 from train.run.logbook import over_held_out
 

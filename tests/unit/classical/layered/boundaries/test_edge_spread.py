@@ -48,7 +48,7 @@ def test_noise_alone_has_no_clear_edges():
 
 
 def test_clipped_edges_are_left_out():
-    """What is clipped is sharper than its filter; so it does not count, while unclipped light does."""
+    """Clipped light is sharper than its filter and does not count; unclipped light does."""
     image = bars(PixelFilter("gaussian", 2.8))
     plain, clipped = edge_widths(image), edge_widths(np.minimum(4 * image, 1.0))
     assert len(clipped) < 0.1 * len(plain)

@@ -11,7 +11,7 @@ NOTHING_SPARED = np.zeros((20, 24), bool)
 
 
 def seen(labels, pixel_filter=DEFAULT_FILTER):
-    """What the filter sees of labels (H, W), over the squares of neighbours with their weights, (H, W)."""
+    """Return the filtered labels (H, W), over the squares of neighbours with their weights, (H, W)."""
     weights = np.maximum(pixel_filter.weights(), MIN_FILTER_WEIGHT)
     weights /= weights.sum()
     reach = len(weights) // 2

@@ -1,4 +1,4 @@
-"""Where rays need not look. Oracle: the same picture when they look everywhere."""
+"""Bins that rays skip. Oracle: the same picture when they search all bins."""
 
 import numpy as np
 import pytest

@@ -97,7 +97,7 @@ def random_layers(rng: np.random.Generator, height: int, width: int, count: int)
 
 @pytest.mark.parametrize(("count", "stretch"), [(1, 1), (2, 1), (3, 1), (2, 15)])
 def test_eight_rays_meet_what_each_meets_alone(count, stretch):
-    """Where the defocus stretches far, rays pass empty tiles in one step."""
+    """Rays pass empty tiles in one step where the defocus has a large range."""
     rng = np.random.default_rng(count)
     layers = random_layers(rng, 21, 26, count)
     layers = replace(layers, defocus=stretch * layers.defocus)

@@ -1,4 +1,4 @@
-"""How many rays are sent. Authority: noise of known variance, and the formula of the optimal allocation."""
+"""Number of rays. Authority: noise of known variance, and the formula of the optimal allocation."""
 
 import math
 
