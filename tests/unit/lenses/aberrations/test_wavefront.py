@@ -14,14 +14,14 @@ def test_paths_are_those_of_ray_optics():
     """ray-optics 0.9.8, ``wave_abr_full_calc`` at 10 degrees, whose middle ray arrives at 8.82116412 mm."""
     lens = load_lens("cooke_triplet", focusing="paraxial")
     front = trace_wavefront(lens, 8.82116412 / lens.prescription.image_radius, count=51)
-    theirs = {
+    reference = {
         (0.5, 0.0): -0.009313799756,
         (-0.5, 0.0): 0.063512709911,
         (0.0, 0.5): 0.438462308342,
         (0.8, 0.0): -0.012845061942,
         (0.3, 0.6): 0.681022020866,
     }
-    for place, waves in theirs.items():
+    for place, waves in reference.items():
         i, j = (round((part + 1.25) / 0.05) for part in place)
         np.testing.assert_allclose(front.pupil[i, j], place, atol=1e-12)
         assert front.waves[i, j] == pytest.approx(waves, abs=3e-5)
@@ -30,10 +30,10 @@ def test_paths_are_those_of_ray_optics():
 def test_polynomials_are_those_of_optiland():
     """optiland 0.6, ``ZernikeOPD`` on the axis, Noll, 64 rings; it weighs rays otherwise."""
     lens = load_lens("cooke_triplet", focusing="paraxial")
-    found = zernike_fit(trace_wavefront(lens, 0.0))
+    result = zernike_fit(trace_wavefront(lens, 0.0))
     expected = np.zeros(22)
     expected[[0, 3, 10, 21]] = 0.44512, 0.373784, 0.084024, -0.005724
-    np.testing.assert_allclose(found, expected, atol=1e-4)
+    np.testing.assert_allclose(result, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize(("name", "share"), [("petzval", 0.0), ("telephoto", 0.5), ("retrofocus", 0.4)])
@@ -101,10 +101,10 @@ def test_contrast_of_the_triplet_is_that_of_optiland():
     whole = dataclasses.replace(front, passes=(front.pupil**2).sum(-1) <= 1)
     assert np.isfinite(front.waves[whole.passes]).all()
     frequencies = np.array([10.0, 20.0, 40.0])
-    found = wave_mtf(whole, frequencies)[0]
-    apart = np.abs(wave_mtf(whole, frequencies * 256 / 255)[0] - found).max()
+    result = wave_mtf(whole, frequencies)[0]
+    apart = np.abs(wave_mtf(whole, frequencies * 256 / 255)[0] - result).max()
     assert apart < 0.003
-    np.testing.assert_allclose(found, [0.81027, 0.51370, 0.19889], atol=apart)
+    np.testing.assert_allclose(result, [0.81027, 0.51370, 0.19889], atol=apart)
 
 
 def test_what_rims_cut_is_not_in_the_wave():
