@@ -56,10 +56,10 @@ _MIN_RESIDUAL = 0.05
 # Number of van Cittert iterations.
 _ITERATIONS = 2
 
-# Fit of the values of surfaces: iterations, half width of the window in standard deviations of the blur,
-# dilation of soft pixels whose values are fitted, pixels, and maximum difference of values of one surface, in
-# heights of the lowest depth edge.
-_FIT_ITERATIONS, _FIT_RADIUS, _FIT_DILATION_PX, _FIT_TOLERANCE = 6, 1.3, 2, 0.5
+# Fit of the values of surfaces: iterations; half width of the window and dilation of the soft pixels whose
+# values are fitted, pixels; maximum difference of the values of one surface, in heights of the lowest depth
+# edge; and uncertainty of the position of edges, pixels.
+_FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE, _FIT_POSITION_PX = 12, 2, 0.5, 1
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
@@ -305,10 +305,11 @@ def _add_mean_residuals(residual, disparity, mask, radius, tolerance, result):  
 def fit_surface_values(
     original: np.ndarray, repaired: np.ndarray, soft: np.ndarray, sigma: float
 ) -> np.ndarray:
-    """Return a repaired map whose surfaces near edges have the values that best reproduce the input.
+    """Return a repaired map whose surfaces near edges have values that reproduce the input.
 
     Blur pulls the values of thin structures towards their background. Edges stay where they are: the mean
     residual of a surface, which blurring the map leaves, is added to it (van Cittert iteration on surfaces).
+    A blurred value has no residual if the input has it within one pixel, because edges may be off by that.
 
     Args:
         original: Input map, (H, W), float32.
@@ -319,14 +320,16 @@ def fit_surface_values(
     Returns:
         Map, (H, W), float32, within the range of the input.
     """
-    low, high = float(original.min()), float(original.max())
-    radius, tolerance = max(2, round(_FIT_RADIUS * sigma)), _FIT_TOLERANCE * MIN_EDGE_HEIGHT * (high - low)
-    mask = local_extremes(soft, _FIT_DILATION_PX)[1]
+    low, high = local_extremes(original, _FIT_POSITION_PX)
+    lowest, highest = float(original.min()), float(original.max())
+    tolerance = _FIT_TOLERANCE * MIN_EDGE_HEIGHT * (highest - lowest)
+    mask = local_extremes(soft, _FIT_RADIUS_PX)[1]
     for _ in range(_FIT_ITERATIONS):
-        residual, result = original - blur_map(repaired, sigma), np.empty_like(repaired)
+        blurred, result = blur_map(repaired, sigma), np.empty_like(repaired)
+        residual = np.clip(blurred, low, high) - blurred
         with parallel_region:
-            _add_mean_residuals(residual, repaired, mask, radius, tolerance, result)
-        repaired = np.clip(result, low, high)
+            _add_mean_residuals(residual, repaired, mask, _FIT_RADIUS_PX, tolerance, result)
+        repaired = np.clip(result, lowest, highest)
     return repaired
 
 
