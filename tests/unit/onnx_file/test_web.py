@@ -23,7 +23,7 @@ from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.render.renderer import BokehRenderer
 from tests.conftest import ROOT
-from tests.unit.onnx_file.running import decibels, picture, steps
+from tests.unit.onnx_file.running import decibels, picture, start, steps
 
 BLUR, FOCUS = 14.0, 0.4
 
@@ -130,6 +130,26 @@ def test_the_page_renders_what_the_package_renders(folder, address, page):
     image, picture = read_image(folder / "photo.png"), linear_to_srgb(read_image(folder / "saved.png"))
     assert decibels(picture, wanted(folder, FOCUS)) > 50
     assert decibels(picture, linear_to_srgb(image)) < 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["rays", "bokehme"])
+def test_the_page_renders_other_files(engine, folder, address, page):
+    """Authority: ONNX Runtime on the CPU with the same file."""
+    model = build_model(engine=engine)
+    (folder / "other.onnx").write_bytes(model.SerializeToString())
+    page.goto(f"{address}/?model=other.onnx&photo=photo.png&disparity=disparity.png&K=6&focus={FOCUS}")
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    inputs = {
+        "image": read_image(folder / "photo.png"),
+        "disparity": read_disparity(folder / "disparity.png"),
+    }
+    numbers = {name: np.array(x, np.float32) for name, x in (("K", 6), ("focus", FOCUS), ("gamma", 1))}
+    inputs = {name: np.asarray(x, np.float32) for name, x in inputs.items()}
+    expected = linear_to_srgb(np.clip(start(model).run(None, inputs | numbers)[0], 0, 1))
+    found = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, expected) > 50
+    assert decibels(found, linear_to_srgb(inputs["image"])) < 40
 
 
 @pytest.mark.slow
