@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.aberrations.wavefront import trace_wavefront, wave_mtf, zernike_fit
+from bokehnet.lenses.aberrations.wavefront import trace_wavefront, wave_mtf, wave_psf, zernike_fit
 from bokehnet.lenses.reports.analysis import airy_mtf, field_rays
 
 
@@ -59,6 +59,35 @@ def test_contrast_of_a_perfect_wave_is_that_of_airy():
     frequencies = np.array([0.0, 10.0, 20.0, 40.0, 150.0, 400.0])
     for curve in wave_mtf(perfect, frequencies):
         np.testing.assert_allclose(curve, airy_mtf(lens, frequencies, front.wavelength), atol=2e-3)
+
+
+@pytest.mark.parametrize(("name", "share", "defocus"), [("cooke_triplet", 0.0, 0.0), ("petzval", 0.7, 0.05)])
+def test_the_spectrum_of_the_point_spread_is_the_contrast(name, share, defocus):
+    """Hopkins 1955: the autocorrelation of the pupil function is the transform of its intensity."""
+    lens = load_lens(name, f_number=5.6)
+    front = trace_wavefront(lens, share, count=257)
+    cosine = np.sqrt(1 - (front.cosines**2).sum(-1))
+    moved = dataclasses.replace(front, waves=front.waves - defocus * cosine / (1e-6 * front.wavelength))
+    offsets = np.arange(-200, 200) * 1e-3
+    psf = wave_psf(front, offsets, defocus, count=640)
+    frequencies = np.array([10.0, 20.0, 40.0])
+    for axis, curve in enumerate(wave_mtf(moved, frequencies)):
+        lines = psf.sum(1 - axis)
+        contrast = [abs((lines * np.exp(2j * np.pi * f * offsets)).sum()) for f in frequencies]
+        np.testing.assert_allclose(contrast, curve, atol=0.015)
+
+
+def test_the_point_spread_of_a_perfect_wave_is_that_of_airy():
+    """Airy 1835: the first dark ring is at 0.61 wavelengths over the sine of the cone."""
+    front = trace_wavefront(load_lens("cooke_triplet", f_number=8.0, focusing="paraxial"), 0.0)
+    perfect = dataclasses.replace(front, waves=0 * front.waves)
+    offsets = np.arange(-40, 41) * 2.5e-4
+    profile = wave_psf(perfect, offsets)[40, 40:]
+    sine = np.ptp(front.cosines[front.passes][:, 0]) / 2
+    assert offsets[40 + int(np.argmin(profile[:32]))] == pytest.approx(
+        0.61 * 1e-6 * front.wavelength / sine, abs=2.5e-4
+    )
+    assert profile[:32].min() < 2e-3 * profile[0]
 
 
 def test_contrast_of_the_triplet_is_that_of_optiland():
