@@ -210,12 +210,12 @@ def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
         own: Colours with the own surface of mixed pixels, (H W, 3).
     """
     grid = picture.defocus.reshape(picture.height, picture.width)
-    found = [_search(g, grid, direction) for direction in _DIRECTIONS]
-    any_count = g.op("Max", *(count for count, _ in found)).reshape(-1)
+    searches = [_search(g, grid, direction) for direction in _DIRECTIONS]
+    any_count = g.op("Max", *(count for count, _ in searches)).reshape(-1)
     index = g.op("NonZero", any_count, dtype=np.int64).reshape(-1)
     row, column = index // picture.width, index % picture.width
-    counts = [count.reshape(-1).take(index) for count, _ in found]
-    depths = [depth.reshape(-1).take(index) for _, depth in found]
+    counts = [count.reshape(-1).take(index) for count, _ in searches]
+    depths = [depth.reshape(-1).take(index) for _, depth in searches]
     lengths = [count * float(np.hypot(*d)) for count, d in zip(counts, _DIRECTIONS, strict=True)]
     exists = [(count > 0).astype(np.float32) for count in counts]
     inverse = [e / g.maximum(length * length, 1) for e, length in zip(exists, lengths, strict=True)]
@@ -225,9 +225,9 @@ def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
         return (abs(depths[i] - depths[j]) <= apart * _MAX_SLOPE + DISCONTINUITY_THRESHOLD).astype(np.float32)
 
     best, best_depth, best_length = row.astype(np.float32) * 0 - 1, depths[0], lengths[0]
-    for i in range(len(found)):
+    for i in range(len(searches)):
         support = exists[i] * sum(
-            (inverse[j] * is_one_surface(i, j) for j in range(1, len(found))),
+            (inverse[j] * is_one_surface(i, j) for j in range(1, len(searches))),
             inverse[0] * is_one_surface(i, 0),
         )
         better = support > best

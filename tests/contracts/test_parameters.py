@@ -26,10 +26,10 @@ def long_functions(tree: ast.AST, owner: str = "") -> Iterator[tuple[str, int]]:
 def test_exceptions_are_those_of_the_documentation():
     page = (ROOT / "docs/develop/changing.md").read_text(encoding="utf-8")
     listed = {(path, name): int(count) for path, name, count in ROW.findall(page)}
-    found = {
+    results = {
         (str(path.relative_to(ROOT)), name): count
         for folder in ("bokehnet", "train")
         for path in sorted((ROOT / folder).rglob("*.py"))
         for name, count in long_functions(ast.parse(path.read_text(encoding="utf-8")))
     }
-    assert found == listed
+    assert results == listed

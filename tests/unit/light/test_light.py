@@ -86,10 +86,10 @@ def test_lamps_get_the_flux_of_their_halo():
     recovered = recover_light(stored(light)).image
     for row, column, *_ in places:
         around = (slice(row - 12, row + 13), slice(column - 12, column + 13))
-        given, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
-        assert np.all(given / true > 1 / 4.5), (row, column, given / true)
-        assert np.all(given / true < 2), (row, column, given / true)
-        assert np.all(stored(light)[around].sum((0, 1)) <= given)
+        original, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
+        assert np.all(original / true > 1 / 4.5), (row, column, original / true)
+        assert np.all(original / true < 2), (row, column, original / true)
+        assert np.all(stored(light)[around].sum((0, 1)) <= original)
 
 
 def test_lamps_keep_their_colour():
@@ -104,19 +104,19 @@ def test_lamps_keep_their_colour():
 
 def test_a_sky_behind_trees_is_brightened_and_bluish():
     light, near = sky(np.random.default_rng(4))
-    given = stored(light)
-    recovered = recover_light(given, near)
+    original = stored(light)
+    recovered = recover_light(original, near)
     assert_allclose(recovered.image[:80, 5].mean(), 4, rtol=0.7)
-    assert_array_equal(recovered.image[80:], given[80:])
+    assert_array_equal(recovered.image[80:], original[80:])
     assert recovered.note.endswith("x white")
 
 
 def test_strength_scales_the_excess():
     light, near = sky(np.random.default_rng(4))
-    given = stored(light)
-    whole, half = recover_light(given, near).image, recover_light(given, near, 0.5).image
-    assert_allclose(half - given, 0.5 * (whole - given), atol=1e-5)
-    assert recover_light(given, near, 0.0).image is given
+    original = stored(light)
+    whole, half = recover_light(original, near).image, recover_light(original, near, 0.5).image
+    assert_allclose(half - original, 0.5 * (whole - original), atol=1e-5)
+    assert recover_light(original, near, 0.0).image is original
 
 
 def _paper(rng):
@@ -220,10 +220,10 @@ def test_bright_matter_is_left_alone(name, seed, jpeg):
     light = NEGATIVES[name](rng)
     if jpeg:
         light = light + 0.01 * rng.standard_normal(light.shape)
-    given = stored(light)
+    original = stored(light)
     near = np.linspace(0, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
-    assert recover_light(given, near).image is given
-    assert recover_light(given).image is given
+    assert recover_light(original, near).image is original
+    assert recover_light(original).image is original
 
 
 @pytest.mark.parametrize(

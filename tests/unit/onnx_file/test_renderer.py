@@ -76,36 +76,36 @@ def test_the_file_holds_standard_operators_only_and_describes_its_inputs(model):
 def test_it_renders_what_the_package_renders(render, package, height, width, blur):
     """No, one and three halvings; more rows than a band has."""
     image, disparity = picture(height, width), steps(height, width, 1)
-    wanted = package.render_arrays(image, disparity * np.float32(blur))
-    assert blur < 5 or wanted.error_map.max() > 0.1
-    np.testing.assert_allclose(render(image, disparity, blur), wanted.bokeh, rtol=0, atol=2e-5)
+    expected = package.render_arrays(image, disparity * np.float32(blur))
+    assert blur < 5 or expected.error_map.max() > 0.1
+    np.testing.assert_allclose(render(image, disparity, blur), expected.bokeh, rtol=0, atol=2e-5)
 
 
 def test_focus_is_the_disparity_that_stays_sharp(render, package):
     image, disparity = picture(50, 60), np.abs(steps(50, 60, 1))
     defocus = defocus_from_disparity(disparity, np.float32(20), np.float32(0.3))
-    wanted = package.render_arrays(image, defocus).bokeh
-    np.testing.assert_allclose(render(image, disparity, 20, 0.3), wanted, rtol=0, atol=2e-5)
+    expected = package.render_arrays(image, defocus).bokeh
+    np.testing.assert_allclose(render(image, disparity, 20, 0.3), expected, rtol=0, atol=2e-5)
 
 
 def test_with_another_gamma_it_is_the_scatter(render):
     image, disparity = picture(50, 60), steps(50, 60, 1)
-    wanted = (
+    expected = (
         BokehRenderer("scatter")
         .render_arrays(image, disparity * np.float32(15), options=RenderOptions(gamma=2.2))
         .bokeh
     )
-    assert decibels(render(image, disparity, 15, gamma=2.2), wanted) > 90
-    assert decibels(render(image, disparity, 15), wanted) < 40
+    assert decibels(render(image, disparity, 15, gamma=2.2), expected) > 90
+    assert decibels(render(image, disparity, 15), expected) < 40
 
 
 def test_light_below_zero_counts_as_zero_and_light_above_one_is_kept(render, package):
     image, disparity = 4 * picture(40, 50) - 1, steps(40, 50, 1)
-    found = render(image, disparity, 12)
+    result = render(image, disparity, 12)
     np.testing.assert_allclose(
-        found, package.render_arrays(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5
+        result, package.render_arrays(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5
     )
-    assert found.max() > 1
+    assert result.max() > 1
 
 
 def test_sizes_that_differ_are_refused(render):

@@ -49,11 +49,11 @@ class Service:
         """Wait until a job is in one of some states; return what is told of it."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            told = self.client.get(f"/v1/jobs/{job}", headers=headers).json()
-            if told["state"] in states:
-                return told
+            response = self.client.get(f"/v1/jobs/{job}", headers=headers).json()
+            if response["state"] in states:
+                return response
             time.sleep(0.02)
-        raise TimeoutError(str(told))
+        raise TimeoutError(str(response))
 
     def workers(self) -> list[int]:
         """Processes that render."""
@@ -69,10 +69,10 @@ class Service:
 
 def children(pid: int) -> list[int]:
     """Processes of a process."""
-    found = []
+    results = []
     for task in Path(f"/proc/{pid}/task").iterdir():
-        found += [int(word) for word in (task / "children").read_text().split()]
-    return found
+        results += [int(word) for word in (task / "children").read_text().split()]
+    return results
 
 
 def command_line(pid: int) -> bytes:

@@ -110,9 +110,9 @@ def test_a_picture_on_a_cluster_is_that_of_one_process_though_a_worker_is_killed
             with connected(address) as run:
 
                 def told(tasks):
-                    for found in run(tasks):
+                    for result in run(tasks):
                         arrived.set()
-                        yield found
+                        yield result
 
                 yield told
 

@@ -31,11 +31,11 @@ def test_the_minimum_that_is_stated_is_enough(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
-    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
+    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as error:
         check_memory("photo.png", bounded(10**8))
-    found = re.search(r"at least (\d+) MB for 60x40 pixels", str(told.value))
-    assert found is not None
-    settings = bounded(int(found[1]) * 10**6)
+    match = re.search(r"at least (\d+) MB for 60x40 pixels", str(error.value))
+    assert match is not None
+    settings = bounded(int(match[1]) * 10**6)
     check_memory("photo.png", settings)
     result = BokehRenderer("rays").render(read_scene("photo.png", settings), settings)
     assert result.bokeh.shape == (40, 60, 3)
@@ -87,16 +87,16 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
     glass = picture_aberrations(settings.lens, focused, window)
     if glass is not None:
         response = replace(response, aberration_map=response.aberration_map + glass)
-    taken = PROGRAM + 16 * height * width
-    with pytest.raises(ParameterError) as told:
+    selected = PROGRAM + 16 * height * width
+    with pytest.raises(ParameterError) as error:
         engine.render(
             np.ones((height, width, 3), np.float32),
             defocus,
-            options=RenderOptions(lens_response=response, max_memory=taken, memory_in_use=taken),
+            options=RenderOptions(lens_response=response, max_memory=selected, memory_in_use=selected),
         )
-    found = re.search(r"at least (\d+) MB", str(told.value))
-    assert found is not None
-    assert int(found[1]) == np.ceil(least / 1e6)
+    match = re.search(r"at least (\d+) MB", str(error.value))
+    assert match is not None
+    assert int(match[1]) == np.ceil(least / 1e6)
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
@@ -114,9 +114,9 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
 
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
         check_memory("shot.exr", told(10**8))
-    found = re.search(r"at least (\d+) MB", str(refused.value))
-    assert found is not None
-    settings = told(int(found[1]) * 10**6)
+    match = re.search(r"at least (\d+) MB", str(refused.value))
+    assert match is not None
+    settings = told(int(match[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
     assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)
 

@@ -51,16 +51,16 @@ def largest_difference(first: Path, second: Path) -> float:
 
 
 def test_each_process_loads_only_its_part_of_every_batch():
-    asked = []
+    requested = []
 
     class Noted(Pairs):
         def __getitem__(self, index):
-            asked.append(index)
+            requested.append(index)
             return super().__getitem__(index)
 
     whole = DataLoader(Noted(), batch_size=6, sampler=range(12, 30))
     parts = [list(Processes(rank, 3).share(whole, CPU)) for rank in range(3)]
-    assert sorted(asked) == list(range(12, 30))
+    assert sorted(requested) == list(range(12, 30))
     for number, batch in enumerate(whole):
         shares = [parts[rank][number]["x"] for rank in range(3)]
         assert [len(share) for share in shares] == [2, 2, 2]

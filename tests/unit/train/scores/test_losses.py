@@ -33,25 +33,30 @@ def test_an_error_inside_the_target_counts_more_than_one_outside():
 def test_the_parts_of_the_loss_add_up_with_their_weights():
     truth, bokeh, classical = pictures()
     error_map, target = 0.5 * torch.ones(1, 1, 8, 8), torch.ones(1, 1, 8, 8)
-    asked = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
+    requested = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
     alone = {
         name: arnet_loss(
-            bokeh, error_map, classical, truth, target, LossWeights(**{**dict.fromkeys(asked, 0), name: 1})
+            bokeh,
+            error_map,
+            classical,
+            truth,
+            target,
+            LossWeights(**{**dict.fromkeys(requested, 0), name: 1}),
         )[0]
-        for name in asked
+        for name in requested
     }
     assert min(alone.values()) > 0
     assert alone["error_map"] == 0.25
-    loss, parts = arnet_loss(bokeh, error_map, classical, truth, target, LossWeights(**asked))
-    for name, weight in asked.items():
+    loss, parts = arnet_loss(bokeh, error_map, classical, truth, target, LossWeights(**requested))
+    for name, weight in requested.items():
         torch.testing.assert_close(parts[name], weight * alone[name])
     torch.testing.assert_close(loss, sum(parts.values()))
 
 
-@pytest.mark.parametrize("found", [-1.0, float("nan"), float("inf")])
-def test_an_invalid_part_of_the_loss_is_reported(found):
+@pytest.mark.parametrize("result", [-1.0, float("nan"), float("inf")])
+def test_an_invalid_part_of_the_loss_is_reported(result):
     with pytest.raises(ConfigError, match=r"loss\.fused: expected 0 or more, found"):
-        LossWeights(fused=found)
+        LossWeights(fused=result)
 
 
 def test_negative_predictions_are_pulled_back():
