@@ -33,6 +33,9 @@ __all__ = ["make_app"]
 _FINAL_STATES = ("done", "failed", "cancelled")
 _POLL_INTERVAL_S, _KEEPALIVE_S = 0.1, 10.0
 _RETRY = {"Retry-After": "2"}
+_DAMAGED = Problem(
+    "damaged", "expected intact files of the job, found damaged ones; they were set aside, send it again"
+)
 
 
 def make_app(settings: ServiceSettings) -> FastAPI:
@@ -245,6 +248,7 @@ def _store_submission(service: _Service, submission: _Submission) -> tuple[str, 
         request = submission.request | {
             "owner": submission.owner,
             "fingerprint": fingerprint,
+            "hashes": hashes,
             "memory": settings.memory_limit,
         }
         job, new = service.store.submit(incoming, request, submission.key)
@@ -313,7 +317,12 @@ async def _events(read: Callable[[], dict[str, Any] | None]) -> AsyncIterator[st
     """Yield the events of a job until its final state."""
     last, last_sent = None, time.monotonic()
     while True:
-        view = await asyncio.to_thread(read)
+        try:
+            view = await asyncio.to_thread(read)
+        except DamagedJob:
+            failure = {"state": "failed", "problem": _DAMAGED.document()}
+            yield f"event: failed\ndata: {json.dumps(failure)}\n\n"
+            return
         if view is None:
             return
         public = _public_view(view)
@@ -355,8 +364,7 @@ def _add_error_handlers(app: FastAPI, metrics: Metrics) -> None:
 
     @app.exception_handler(DamagedJob)
     async def of_damage(request: Request, error: DamagedJob) -> JSONResponse:
-        detail = "expected intact files of the job, found damaged ones; they were set aside, send it again"
-        return _problem_response(Problem("damaged", detail), metrics, request.url.path)
+        return _problem_response(_DAMAGED, metrics, request.url.path)
 
     @app.exception_handler(BokehnetError)
     async def of_error(request: Request, error: BokehnetError) -> JSONResponse:

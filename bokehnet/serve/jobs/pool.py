@@ -174,6 +174,10 @@ class Pool:
 
     def _finish(self, claim: Claim, outcome: dict[str, Any], start: float) -> None:
         now = time.monotonic()
+        if outcome["state"] == "damaged":
+            self._store.set_aside(claim.job)
+            self._metrics.finished.labels("damaged").inc()
+            return
         if self._store.finish(claim, outcome):
             self._metrics.finished.labels(outcome["state"]).inc()
             self._metrics.render.observe(now - start)

@@ -159,7 +159,7 @@ class JobStore:
                     continue
                 read_table(folder / "request.json")
             except (DamagedJob, NotADirectoryError, IsADirectoryError, FileNotFoundError):
-                self._set_aside(job)
+                self.set_aside(job)
                 continue
             claim = Claim(job=job, folder=folder, number=number + 1)
             try:
@@ -215,6 +215,10 @@ class JobStore:
             outcome = _read(folder / "outcome.json") or {}
             if request is None:
                 raise DamagedJob(job)
+            if not outcome and not self._is_queued(job):
+                outcome = _read(folder / "outcome.json") or {}  # it may have ended in the meantime
+                if not outcome:
+                    raise DamagedJob(job)
             claims = _claim_count(folder)
             state: dict[str, Any] = {
                 "id": job,
@@ -228,9 +232,13 @@ class JobStore:
         except (DamagedJob, KeyError, IsADirectoryError, NotADirectoryError) as error:
             if not folder.is_dir():  # removed in the meantime
                 return None
-            self._set_aside(job)
+            self.set_aside(job)
             raise DamagedJob(job) from error
         return state | outcome
+
+    def _is_queued(self, job: str) -> bool:
+        """Return whether a job is marked as unfinished; one without mark and outcome has lost a file."""
+        return (self.folder / "queue" / job).exists()
 
     def _progress(self, folder: Path) -> dict[str, Any] | None:
         """Return the progress of a job; None if it is missing or damaged."""
@@ -260,7 +268,7 @@ class JobStore:
                     return job
         return None
 
-    def _set_aside(self, job: str) -> None:
+    def set_aside(self, job: str) -> None:
         """Move a damaged job out of the way; its files stay for inspection."""
         _log.error("job %s: its files are damaged; moved to %s", job, self.folder / "damaged")
         with contextlib.suppress(OSError):
@@ -280,7 +288,7 @@ class JobStore:
         except OSError:
             is_intact = False
         if not is_intact:
-            self._set_aside(job)
+            self.set_aside(job)
             raise DamagedJob(job)
         return path
 
@@ -294,16 +302,22 @@ class JobStore:
         return states.count("queued"), states.count("running")
 
     def remove(self, job: str) -> None:
-        """Remove a finished job and its files."""
-        shutil.rmtree(self.folder / "jobs" / job, ignore_errors=True)
+        """Remove a finished job and its files; a reader sees all of them or none."""
+        removed = self.folder / "incoming" / f"removed-{secrets.token_hex(8)}"
+        with contextlib.suppress(OSError):
+            os.rename(self.folder / "jobs" / job, removed)
+            shutil.rmtree(removed, ignore_errors=True)
 
     def clean(self) -> None:
-        """Remove expired finished jobs, and abandoned uploads."""
+        """Remove expired finished jobs, and abandoned uploads; set jobs aside that lost a file."""
         now = time.time()
         for entry in os.scandir(self.folder / "jobs"):
-            with contextlib.suppress(OSError):
+            try:
                 if now - (Path(entry.path) / "outcome.json").stat().st_mtime > self._keep:
                     self.remove(entry.name)
+            except OSError:
+                with contextlib.suppress(OSError, DamagedJob):
+                    self.view(entry.name)
         damaged_age = max(self._keep, _MIN_DAMAGED_SECONDS)
         for name, max_age in (("keys", 2 * self._keep), ("incoming", 3600.0), ("damaged", damaged_age)):
             for entry in os.scandir(self.folder / name):
@@ -330,7 +344,8 @@ class JobStore:
         """Remove the queue mark of a job that is finished, or whose service died while creating it."""
         mark = self.folder / "queue" / job
         with contextlib.suppress(OSError):
-            if folder.exists() or time.time() - mark.stat().st_mtime > STALE_SECONDS:
+            is_abandoned = not folder.exists() and time.time() - mark.stat().st_mtime > STALE_SECONDS
+            if is_abandoned or (folder / "outcome.json").exists():  # not if it has just been created
                 mark.unlink()
 
 

@@ -74,8 +74,7 @@ def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixel
     except (EOFError, BrokenPipeError, ConnectionResetError):
         raise
     except DamagedJob:
-        detail = "expected intact files of the job, found damaged ones; send it again"
-        return {"state": "failed", "problem": Problem("damaged", detail).document()}
+        return {"state": "damaged"}
     except Exception as error:
         if not isinstance(error, BokehnetError | MemoryError):
             import traceback
@@ -93,6 +92,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
     from bokehnet.serve.requests import job_settings
 
     request = read_table(folder / "request.json")
+    _check_inputs(folder, request)
     watch = _Watch(pipe)
     settings = job_settings(request, folder)
     image = folder / request["files"]["image"]
@@ -130,6 +130,22 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
             "notes": [note.replace(f"{folder}{os.sep}", "") for note in report.notes],
         },
     }
+
+
+def _check_inputs(folder: Path, request: dict[str, Any]) -> None:
+    """Raise ``DamagedJob`` unless the uploaded files are those that were accepted.
+
+    Args:
+        folder: Folder of the job.
+        request: Its request; ``hashes`` holds the SHA-256 of each file, absent in those of earlier versions.
+    """
+    for field, expected in request.get("hashes", {}).items():
+        try:
+            is_intact = file_sha256(folder / request["files"][field]) == expected
+        except (FileNotFoundError, IsADirectoryError):
+            is_intact = False
+        if not is_intact:
+            raise DamagedJob(folder.name)
 
 
 def _size(path: Path) -> tuple[int, int]:

@@ -1,5 +1,6 @@
 """A service under attack renders, and loses or doubles nothing. Authority: its counters and files."""
 
+import asyncio
 import contextlib
 import http.client
 import json
@@ -101,6 +102,54 @@ def test_a_damaged_result_is_never_delivered(attacked, tmp_path, damage):
     answer = attacked.client.get(f"/v1/jobs/{job}/result")
     assert (answer.status_code, answer.json()["type"]) == (500, "urn:bokehnet:problem:damaged")
     assert attacked.wait(attacked.post(tmp_path).json()["id"])["state"] == "done"
+
+
+def damage(path, kind):
+    """Damage an uploaded file: one bit, its end, its place, or another intact picture instead."""
+    data = path.read_bytes()
+    path.unlink()
+    if kind == "folder":
+        path.mkdir()
+    elif kind != "missing":
+        other = path.with_name("disparity.png" if path.name == "image.png" else "image.png")
+        bit = data[:60] + bytes([data[60] ^ 1]) + data[61:]
+        path.write_bytes({"bit": bit, "cut": data[: len(data) // 2], "other": other.read_bytes()}[kind])
+
+
+def test_damaged_inputs_are_never_rendered(tmp_path):
+    """Authority: the uploaded bytes. Jobs with others are reported and set aside, the rest is done."""
+    write_scene(tmp_path)
+    jobs = {}
+    with service(tmp_path / "jobs", "--workers", "0") as accepting:
+        for name in ("image.png", "disparity.png"):
+            for kind in ("bit", "cut", "missing", "folder", "other"):
+                jobs[accepting.post(tmp_path).json()["id"]] = name, kind
+        intact = accepting.post(tmp_path).json()["id"]
+    for job, (name, kind) in jobs.items():
+        damage(tmp_path / "jobs" / "jobs" / job / name, kind)
+    with service(tmp_path / "jobs", "--workers", "1") as rendering:
+        assert rendering.wait(intact)["state"] == "done"
+        for job, kind in jobs.items():
+            answer = rendering.client.get(f"/v1/jobs/{job}")
+            assert (answer.status_code, answer.json()["type"]) == (500, "urn:bokehnet:problem:damaged"), kind
+        assert sorted(os.listdir(tmp_path / "jobs" / "damaged")) == sorted(jobs)
+        assert rendering.metric('bokehnet_jobs_finished_total{state="damaged"}') == len(jobs)
+
+
+def test_events_of_a_damaged_job_end_with_its_failure():
+    """Authority: the stream ends with one final event, as that of every job."""
+    from bokehnet.serve.app import _events
+    from bokehnet.serve.jobs.store import DamagedJob
+
+    def read():
+        raise DamagedJob("job")
+
+    async def collect():
+        return [event async for event in _events(read)]
+
+    (event,) = asyncio.run(collect())
+    assert event.startswith("event: failed\n")
+    assert json.loads(event.partition("data: ")[2])["problem"]["type"] == "urn:bokehnet:problem:damaged"
 
 
 def test_odd_names_and_texts_get_problem_documents(attacked, tmp_path):

@@ -31,21 +31,21 @@ def test_a_job_is_claimed_by_one_and_in_order(store, tmp_path):
 def test_many_at_once_never_claim_the_same(tmp_path):
     store = JobStore(tmp_path, max_unfinished=60, keep=100.0)
     jobs = {submit(store)[0] for _ in range(40)}
-    found, lock = [], threading.Lock()
+    results, lock = [], threading.Lock()
 
     def claim():
         mine = JobStore(tmp_path, max_unfinished=60, keep=100.0)
         while (claim := mine.claim()) is not None:
             with lock:
-                found.append(claim.job)
+                results.append(claim.job)
 
     threads = [threading.Thread(target=claim) for _ in range(6)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 40
-    assert set(found) == jobs
+    assert len(results) == 40
+    assert set(results) == jobs
 
 
 def test_a_job_has_one_outcome(store):
@@ -143,6 +143,53 @@ def test_a_damaged_job_is_detected_and_set_aside(store, name):
     assert store.view(good)["state"] in ("queued", "running")
     assert (store.folder / "damaged" / bad / name).exists()
     assert bad not in os.listdir(store.folder / "queue")
+
+
+@pytest.mark.parametrize("lost", ["outcome.json", "queue"])
+@pytest.mark.parametrize("cleaned", [False, True])
+def test_a_job_that_lost_its_end_or_its_mark_is_damaged(store, lost, cleaned):
+    """Authority: a job is either marked as unfinished or has an outcome; otherwise it would wait for ever."""
+    job, _ = submit(store)
+    if lost == "queue":
+        (store.folder / "queue" / job).unlink()
+    else:
+        store.finish(store.claim(), {"state": "done", "result": "result-1.png"})
+        (store.folder / "jobs" / job / lost).unlink()
+    if cleaned:
+        store.clean()
+        assert os.listdir(store.folder / "jobs") == []
+    with pytest.raises(stores.DamagedJob):
+        store.view(job)
+    assert os.listdir(store.folder / "damaged") == [job]
+
+
+def test_a_removed_job_is_never_half_there(store, monkeypatch):
+    """Authority: a reader between any two steps of the removal finds the whole job, or none."""
+    job, _ = submit(store)
+    store.finish(store.claim(), {"state": "done"})
+    views = []
+    monkeypatch.setattr(stores.shutil, "rmtree", lambda *words, **more: views.append(store.view(job)))
+    store.remove(job)
+    assert views == [None]
+
+
+def test_the_mark_of_a_job_that_is_just_created_stays(store, monkeypatch):
+    """Authority: a claim that looks between the mark and the folder of a new job loses nothing."""
+    created = []
+    rename = os.rename
+    monkeypatch.setattr(stores.os, "rename", lambda *places: (store.claim(), rename(*places)))
+    forget = store._forget
+
+    def forget_late(job, folder):
+        monkeypatch.setattr(stores.os, "rename", rename)
+        folder.mkdir()  # the folder appears after the look of the claim
+        forget(job, folder)
+        folder.rmdir()
+        created.append(job)
+
+    monkeypatch.setattr(store, "_forget", forget_late)
+    job, _ = submit(store)
+    assert created == [job] == os.listdir(store.folder / "queue")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 50, b"[1]", b"{", b"{}", b"\xff{"])
