@@ -50,7 +50,7 @@ def photo(tmp_path, slope):
 
 
 def decoded(path):
-    """Levels from 0 to 1, as stored, and what the file tells, by a reader that is not ours."""
+    """Levels from 0 to 1, as stored, and the file's metadata, by a reader that is not ours."""
     if path.suffix == ".avif":
         with Image.open(path) as picture:
             return np.asarray(picture) / 255, picture.info
