@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 import bokehnet
-from bokehnet.baselines.rays.selective_rays import TraceRays, selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.optics.pixels.sample_allocation import neyman
 from bokehnet.raytrace.geometry.space import SpaceRays
@@ -71,9 +71,7 @@ def pictures(job: SceneJob, samples: int, truth: int) -> dict[str, tuple[np.ndar
             make_ray_tracer(job),
             lens,
             pitch,
-            budget=0.35 * samples,
-            max_rays=8,
-            **options,
+            RaySelection(budget=0.35 * samples, max_rays=8, **options),
         )
         renders["tan" if name == "tan" else "scatter"] = result.post_process, 0
         renders[f"hybrid, {name}"] = result.bokeh, float(result.rays.mean())

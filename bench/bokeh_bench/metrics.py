@@ -132,14 +132,14 @@ def _features(linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     deviation = 0.5 * 0.082 * _PIXELS_PER_DEGREE
     position = np.arange(-math.ceil(3 * deviation), math.ceil(3 * deviation) + 1)
     gaussian = np.exp(-(position**2) / (2 * deviation**2))
-    found = []
+    results = []
     for shape in (-position * gaussian, (position**2 / deviation**2 - 1) * gaussian):
         above, below = shape[shape > 0].sum() * gaussian.sum(), -shape[shape < 0].sum() * gaussian.sum()
         balanced = np.where(shape > 0, shape / above, shape / below)
         across = _smooth(_smooth(lightness, balanced, 1), gaussian, 0)
         down = _smooth(_smooth(lightness, balanced, 0), gaussian, 1)
-        found.append(np.hypot(across, down))
-    return found[0], found[1]
+        results.append(np.hypot(across, down))
+    return results[0], results[1]
 
 
 def flip(truth: np.ndarray, picture: np.ndarray) -> float:

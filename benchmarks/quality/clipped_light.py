@@ -58,7 +58,7 @@ def prototype(image: np.ndarray, gain: float = 8.0) -> np.ndarray:
 def scores(case: LightCase, camera: CameraCurve, recoveries: Sequence[Recovery]) -> list[float]:
     """Return PSNR without recovery, with each recovery, and of the true light, dB."""
     defocus = defocus_from_disparity(case.disparity, case.blur, case.focus).astype(np.float32)
-    given, truth = decoded(camera.store(case.image)), camera.store(case.truth) / 255
+    original, truth = decoded(camera.store(case.image)), camera.store(case.truth) / 255
     plain = CameraCurve()
     rendered: dict[int, float] = {}
 
@@ -68,7 +68,7 @@ def scores(case: LightCase, camera: CameraCurve, recoveries: Sequence[Recovery])
             rendered[key] = psnr((curve.store(rays(image, defocus)) / 255 - truth) ** 2)
         return rendered[key]
 
-    pictures = [given, *(recovery(given, case.disparity) for recovery in recoveries)]
+    pictures = [original, *(recovery(original, case.disparity) for recovery in recoveries)]
     return [*(measured(picture, plain) for picture in pictures), measured(case.image, camera)]
 
 

@@ -127,19 +127,19 @@ def _rayoptics(path: Path) -> _Four:
     return float(data.efl), abs(float(data.efl / data.enp_radius / 2)), sizes[0], sizes[1]
 
 
-def _against(tool: Callable[[Path], _Four], path: Path, ours: _Four, unit: float) -> tuple[str, list[float]]:
+def _against(tool: Callable[[Path], _Four], path: Path, own: _Four, unit: float) -> tuple[str, list[float]]:
     """Return the deviation of a tool from our numbers as text and values; NaN where either has none."""
     output = io.StringIO()
     try:
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-            theirs = tool(path)
+            reference = tool(path)
     except Exception as error:  # other programs raise exceptions of any type
         return f"- ({type(error).__name__})", [math.nan] * 4
     # A mirror reverses the axis and thus the sign of their focal length.
     units = (unit, 1.0, unit, unit)
     deviations = [
         abs(abs(a * scale) / abs(b) - 1) if b else math.nan
-        for a, b, scale in zip(theirs, ours, units, strict=True)
+        for a, b, scale in zip(reference, own, units, strict=True)
     ]
     return ", ".join(
         "-" if math.isnan(deviation) else f"{deviation:.0e}" for deviation in deviations
@@ -162,18 +162,18 @@ def main() -> None:
     read, agreed, compared = 0, np.zeros(4, int), np.zeros(4, int)
     for path in paths:
         try:
-            ours, unit = _ours(path, arguments.glasses)
+            result, unit = _ours(path, arguments.glasses)
         except BokehnetError as error:
             print(f"| {path.name} | {str(error).replace(str(path), '').strip(', :')} | | | |")
             continue
         read += 1
         cells, tool_deviations = zip(
-            *(_against(tool, path, ours, unit) for tool in (_optiland, _rayoptics)), strict=True
+            *(_against(tool, path, result, unit) for tool in (_optiland, _rayoptics)), strict=True
         )
         nearest = np.fmin(*np.array(tool_deviations))
         compared += ~np.isnan(nearest)
         agreed += nearest <= _TOLERANCES
-        print(f"| {path.name} | {ours[0]:.6f} | {ours[1]:.5f} | {' | '.join(cells)} |", flush=True)
+        print(f"| {path.name} | {result[0]:.6f} | {result[1]:.5f} | {' | '.join(cells)} |", flush=True)
     print(f"{read} of {len(paths)} files are read")
     for name, limit, count, total in zip(
         ("focal length", "f-number", "spot on the axis", "spot off it"),

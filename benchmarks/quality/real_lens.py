@@ -59,9 +59,9 @@ def _rows(folder: Path, engines: list[str], network: Network | None) -> Iterator
             row: dict[str, str | float] = {"case": folder.name, "engine": engine, "highlights": highlights}
             row |= {name: round(psnr((stored - truth)[mask] ** 2), 2) for name, mask in masks.items()}
             if "lights" in masks:
-                ours, true = (srgb_to_linear(x[masks["lights"]]).mean(0) for x in (stored, truth))
+                own, true = (srgb_to_linear(x[masks["lights"]]).mean(0) for x in (stored, truth))
                 row |= {
-                    "B/R": round(float(ours[2] / ours[0]), 3),
+                    "B/R": round(float(own[2] / own[0]), 3),
                     "true B/R": round(float(true[2] / true[0]), 3),
                 }
             yield row

@@ -46,7 +46,7 @@ def main() -> None:
                 if pair_index > 0:  # the first pair compiles or loads the kernels
                     seconds[by_numba].append(time.process_time() - start)
         ratio = statistics.median(
-            ours / theirs for ours, theirs in zip(seconds[False], seconds[True], strict=True)
+            result / reference for result, reference in zip(seconds[False], seconds[True], strict=True)
         )
         error = float(np.sqrt(np.mean((pictures[True] - pictures[False]) ** 2, dtype=np.float64)))
         difference = "equal" if error == 0 else f"{-20 * np.log10(error / pictures[True].max()):.0f}"

@@ -212,8 +212,8 @@ def _print_rates(device: torch.device, width: int, height: int, samples: int) ->
         print("  Mitsuba is not installed: pip install 'bokehnet[dev]'")
         return
     mi.set_variant("scalar_rgb")
-    theirs = _mitsuba_scene(scene, view, samples)
-    rate(f"Mitsuba {mi.__version__} scalar_rgb", lambda: np.array(mi.render(theirs)))
+    external = _mitsuba_scene(scene, view, samples)
+    rate(f"Mitsuba {mi.__version__} scalar_rgb", lambda: np.array(mi.render(external)))
     reference = pictures["ours, planes (synth)"]
     for name, picture in pictures.items():
         error = float(np.sqrt(np.mean((picture - reference) ** 2)))

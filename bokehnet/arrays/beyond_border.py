@@ -24,14 +24,14 @@ COMPARED_PX = 9
 LAMP_RATIOS, LINE_RATIOS, LIGHT_FLOOR = (3.0, 4.0), (1.6, 2.0), 0.02
 
 
-def beyond_border(image: Array, above: int, below: int, beside: int) -> Array:
+def beyond_border(image: Array, above: int, below: int, sides: int) -> Array:
     """Return a picture with more pixels around it.
 
     Args:
         image: Scene-linear picture, (H, W, C).
         above: Number of rows to add above.
         below: Number of rows to add below.
-        beside: Number of columns to add on each side.
+        sides: Number of columns to add on each side.
 
     Examples:
         >>> image = np.full((6, 20, 3), 0.25, np.float32)
@@ -40,12 +40,12 @@ def beyond_border(image: Array, above: int, below: int, beside: int) -> Array:
         [0.25, 0.25, 1.0, 1.0, 0.25]
     """
     height, width, channels = image.shape
-    larger = np.empty((above + height + below, beside + width + beside, channels), image.dtype)
+    larger = np.empty((above + height + below, sides + width + sides, channels), image.dtype)
     middle = larger[above : above + height]
-    middle[:, beside : beside + width] = image
+    middle[:, sides : sides + width] = image
     columns = image.swapaxes(0, 1)
-    _continue(columns, middle[:, :beside][:, ::-1].swapaxes(0, 1))
-    _continue(columns[::-1], middle[:, beside + width :].swapaxes(0, 1))
+    _continue(columns, middle[:, :sides][:, ::-1].swapaxes(0, 1))
+    _continue(columns[::-1], middle[:, sides + width :].swapaxes(0, 1))
     _continue(middle, larger[:above][::-1])
     _continue(middle[::-1], larger[above + height :])
     return larger

@@ -9,7 +9,18 @@ from dataclasses import dataclass
 __all__ = ["BLOCK_PX", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
 
 # Stages that can be switched off, in the order of their work.
-STAGES = ("denoise", "overshoots", "sharpen", "register", "network", "deblur", "snap", "thin", "grow")
+STAGES = (
+    "denoise",
+    "overshoots",
+    "sharpen",
+    "register",
+    "network",
+    "deblur",
+    "snap",
+    "thin",
+    "grow",
+    "values",
+)
 
 # Side of a block, pixels: the network halves its input three times.
 BLOCK_PX = 8

@@ -24,14 +24,19 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.halving import half_image, half_map
+from bokehnet.arrays.halving import halvings
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
 from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.depth_repair.stages.deblur import estimate_blur, restore_blurred_detail, snap_soft_edges
+from bokehnet.depth_repair.stages.deblur import (
+    estimate_blur,
+    fit_surface_values,
+    restore_blurred_detail,
+    snap_soft_edges,
+)
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
@@ -170,10 +175,7 @@ class DisparityRepair:
         is_soft = "sharpen" in config.stages and softness > config.min_softness
         flat = remove_overshoots(clean) if is_soft and "overshoots" in config.stages else clean
         rings = flat is not clean and overshoot_fraction(clean, flat) >= config.min_overshoots
-        pictures, maps = [image.transpose(2, 0, 1)], [flat if rings else clean]
-        while max(pictures[-1].shape) > config.base_side_px:
-            pictures.append(half_image(pictures[-1]))
-            maps.append(half_map(maps[-1]))
+        pictures, maps = halvings(image.transpose(2, 0, 1), flat if rings else clean, config.base_side_px)
         scale, colors, small = 2 ** (len(maps) - 1), pictures[-1], maps[-1]
         start = repair_soft_edges(small) if is_soft else small
         if plan is None:
@@ -204,6 +206,8 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, grown, config)
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
+        if is_soft and "values" in config.stages:
+            proposal = self._fit_values(small, proposal, diagnosis.placement)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -281,6 +285,16 @@ class DisparityRepair:
             versions.append((blur.residual, mask, values))
         best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
         return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
+
+    def _fit_values(self, soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
+        """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
+        min_height, estimates = MIN_EDGE_HEIGHT * float(np.ptp(soft)), []
+        for growth in {0, placement.growth}:
+            placed = replace(placement, growth=growth).apply(soft)
+            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
+            estimates.append((estimate_blur(placed, repaired, mask), placed, mask))
+        blur, placed, mask = min(estimates, key=lambda estimate: estimate[0].residual)
+        return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:

@@ -75,8 +75,8 @@ def read_phone_depth(path: Path | str) -> PhoneDepth | None:
             return None
         values, coding = heif_depth
         return PhoneDepth(disparity=coding.decode(values), metric=coding.unit is not None)
-    found = _find_stored(Path(path))
-    return None if found is None else _decode(Path(path), *found)
+    stored = _find_stored(Path(path))
+    return None if stored is None else _decode(Path(path), *stored)
 
 
 def has_phone_depth(path: Path | str) -> bool:

@@ -204,8 +204,8 @@ class Prescription:
         """Return a description of the first invalid value, starting with its key, or None."""
         for key in ("focal_length", "f_number", "image_radius", "design_wavelength"):
             if not _MIN_POSITIVE <= getattr(self, key) <= _MAX_LENGTH_MM:
-                found = getattr(self, key)
-                return f"{key}: expected {_MIN_POSITIVE:g} to {_MAX_LENGTH_MM:g}, got {found:g}"
+                number = getattr(self, key)
+                return f"{key}: expected {_MIN_POSITIVE:g} to {_MAX_LENGTH_MM:g}, got {number:g}"
         min_rows = 2 if any(row.mirror for row in self.surfaces) else 3
         if len(self.surfaces) < min_rows or sum(row.stop for row in self.surfaces) != 1:
             stops = sum(row.stop for row in self.surfaces)

@@ -62,11 +62,23 @@ class LightConfig:
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
             a halo.
+        halo_excess: Light of a channel that is not clipped, according to the halo and relative to the stored
+            one, up to which the halo is that of the lamp, and from which it is not.
+        halo_tolerance: Ratio of the flux measured by the halo at ``bright`` to that at ``halo_level`` for a
+            lamp with the halo of a point.
         edge_width: The same growth of a sharp edge, pixels.
         core_radius: Radius of the image of a point without its halo, pixels.
         concentration: Exponent of the brightness with which the light of a lamp with a halo is distributed.
         edge_power: Exponent of the clipped fraction of a pixel's neighbours with which the light of a lamp
             without a halo is distributed.
+        min_color: Minimum light of a channel relative to the strongest one that measures a lamp.
+        weak_color: The same, maximum of the channels that measure the shoulder of the tone curve.
+        near_clip: Minimum light of the strongest channel for that.
+        shoulder_quantile: Quantile of the light of these pixels that is the end of the shoulder.
+        shoulder_pixels: Number of these pixels for half of the certainty.
+        max_shoulder: Maximum light at which a tone curve clips.
+        hidden_pixels: Clipped pixels of a lamp whose light is unknown for each of them with all channels
+            clipped.
         diffraction: Wavelength times f-number, pixels.
         surround_reach: Half-width of the surroundings, fraction of the diagonal.
     """
@@ -109,10 +121,19 @@ class LightConfig:
     lamp_share: tuple[float, float] = (0.2, 0.5)
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
+    halo_excess: tuple[float, float] = (8.0, 16.0)
+    halo_tolerance: float = 2.5
     edge_width: float = 0.3
     core_radius: float = 0.9
     concentration: float = 16.0
     edge_power: float = 4.0
+    min_color: float = 0.03
+    weak_color: float = 0.6
+    near_clip: float = 0.93
+    shoulder_quantile: float = 0.75
+    shoulder_pixels: float = 3.0
+    max_shoulder: float = 4.0
+    hidden_pixels: float = 4.0
     diffraction: float = 0.95
     surround_reach: float = 0.03
 

@@ -104,10 +104,10 @@ def _panorama(
         factor = _BAND_RATIO**band
         radius = math.ceil(float(np.abs(scene.defocus).max())) + 1
         first, last = max(0, rows.start - 2 * radius), min(height, rows.stop + 2 * radius)
-        beside = min(width, math.ceil(radius * factor))
-        columns = np.arange(-beside, width + beside) % width
+        margin = min(width, math.ceil(radius * factor))
+        columns = np.arange(-margin, width + margin) % width
         part = _cut(scene, slice(first, last), columns)
-        window = replace(part.window, x=scene.window.x - beside, width=len(columns), pixel_aspect=1 / factor)
+        window = replace(part.window, x=scene.window.x - margin, width=len(columns), pixel_aspect=1 / factor)
         part = replace(part, defocus=part.defocus * np.float32(factor), window=window)
         result = exposed(part, part_of(report, index, len(bands)))
         results.append(result)
@@ -115,7 +115,7 @@ def _panorama(
         for name in _ARRAYS:
             values = getattr(result, name)
             if values is not None:
-                values = values[rows.start - first : rows.stop - first, beside : beside + width]
+                values = values[rows.start - first : rows.stop - first, margin : margin + width]
                 total = sums.setdefault(name, np.zeros((height, *values.shape[1:])))
                 total[rows] += weight.reshape(-1, *[1] * (values.ndim - 1)) * values
     arrays = {name: sums[name].astype(np.float32) if name in sums else None for name in _ARRAYS}

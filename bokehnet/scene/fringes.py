@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.box_mean import box_mean
-from bokehnet.arrays.halving import half_image, half_map
+from bokehnet.arrays.halving import half_image, half_map, halvings
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.acceptance import accepted_blocks
 from bokehnet.depth_repair.config import BLOCK_PX, RepairConfig
@@ -83,9 +83,8 @@ def fringe_surfaces(
         True
     """
     config = config or RepairConfig()
-    light, values, scale = np.maximum(image.transpose(2, 0, 1), 0), disparity, 1
-    while max(values.shape) > config.base_side_px:
-        light, values, scale = half_image(light), half_map(values), 2 * scale
+    pictures, maps = halvings(np.maximum(image.transpose(2, 0, 1), 0), disparity, config.base_side_px)
+    light, values, scale = pictures[-1], maps[-1], 2 ** (len(maps) - 1)
     radius = max(4, round(_NUMBERS.radius * max(values.shape)))
     low, high = local_extremes(values, radius)
     step = high - low

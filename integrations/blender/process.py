@@ -22,9 +22,9 @@ def _interpreter() -> str:
     command = shutil.which("bokehnet")
     if importlib.util.find_spec("bokehnet") is None and command is not None:
         name = "python.exe" if os.name == "nt" else "python"
-        beside = Path(command).resolve().parent / name
-        if beside.is_file():
-            return str(beside)
+        sibling = Path(command).resolve().parent / name
+        if sibling.is_file():
+            return str(sibling)
     return sys.executable
 
 

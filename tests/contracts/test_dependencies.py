@@ -35,7 +35,7 @@ def own_requires(extras: set[str]) -> Iterator[str]:
 
 def installed_by(extra: str) -> set[str]:
     """All that an extra brings, as far as it is installed here, by the metadata of what is."""
-    found: set[str] = set()
+    result: set[str] = set()
     open_ends, known = [("bokehnet", frozenset({extra}))], set()
     while open_ends:
         name, extras = end = open_ends.pop()
@@ -43,15 +43,15 @@ def installed_by(extra: str) -> set[str]:
             continue
         known.add(end)
         try:
-            wanted = own_requires(set(extras)) if name == "bokehnet" else requires(name) or []
+            expected = own_requires(set(extras)) if name == "bokehnet" else requires(name) or []
         except PackageNotFoundError:
             continue
-        found.add(name)
-        for line in map(requirements.Requirement, wanted):
-            given = [{"extra": each} for each in ("", *extras)]
-            if line.marker is None or any(map(line.marker.evaluate, given)):
+        result.add(name)
+        for line in map(requirements.Requirement, expected):
+            options = [{"extra": each} for each in ("", *extras)]
+            if line.marker is None or any(map(line.marker.evaluate, options)):
                 open_ends.append((canonical(line.name), frozenset(line.extras)))
-    return found - {"bokehnet"}
+    return result - {"bokehnet"}
 
 
 def test_the_constraints_name_all_that_the_development_environment_holds():
@@ -103,10 +103,10 @@ def test_the_container_installs_locked_versions_with_hashes():
 
 def test_the_conda_recipe_needs_what_the_package_needs():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
-    wanted = {f"python {PROJECT['requires-python']}"}
+    expected = {f"python {PROJECT['requires-python']}"}
     for line in map(requirements.Requirement, PROJECT["dependencies"]):
-        wanted.add(f"{AT_CONDA.get(canonical(line.name), canonical(line.name))} {line.specifier}")
-    assert set(recipe["requirements"]["run"]) == wanted
+        expected.add(f"{AT_CONDA.get(canonical(line.name), canonical(line.name))} {line.specifier}")
+    assert set(recipe["requirements"]["run"]) == expected
     assert f"python {PROJECT['requires-python']}" in recipe["requirements"]["host"]
     (script,) = PROJECT["scripts"].items()
     assert recipe["build"]["python"]["entry_points"] == [" = ".join(script)]

@@ -1,4 +1,4 @@
-"""What the documentation shows exists, and its site builds without a warning."""
+"""Everything that the documentation shows exists, and its site builds without a warning."""
 
 import importlib.util
 import re

@@ -71,8 +71,8 @@ OPTIONS = {
 
 
 def known(command: str) -> set[str]:
-    found = app.commands[command]
-    parts = [found, *getattr(found, "commands", {}).values()]
+    result = app.commands[command]
+    parts = [result, *getattr(result, "commands", {}).values()]
     return {option for part in parts for parameter in part.params for option in parameter.opts}
 
 

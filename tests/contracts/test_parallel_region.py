@@ -12,19 +12,19 @@ from bokehnet.precompiled.kernel import Kernel
 
 
 def is_open() -> bool:
-    """Whether another thread than this one could enter the region now."""
-    found = []
+    """Return whether another thread could enter the region now."""
+    results = []
 
     def look() -> None:
         lock = parallel_region._lock
-        found.append(lock.acquire(blocking=False))
-        if found[0]:
+        results.append(lock.acquire(blocking=False))
+        if results[0]:
             lock.release()
 
     thread = threading.Thread(target=look)
     thread.start()
     thread.join()
-    return found[0]
+    return results[0]
 
 
 @pytest.mark.parametrize(

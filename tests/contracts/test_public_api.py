@@ -1,4 +1,4 @@
-"""What users may rely on: the public names, the layers, and a package that renders without torch."""
+"""Guarantees to users: the public names, the layers, and a package that renders without torch."""
 
 import subprocess
 import sys

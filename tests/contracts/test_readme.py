@@ -1,4 +1,4 @@
-"""What the README tells people to type exists."""
+"""Commands and names of the README exist."""
 
 import importlib.util
 import re
@@ -20,10 +20,10 @@ def options_of(words: list[str]) -> set[str]:
 
 @pytest.mark.parametrize("words", [w for w in COMMANDS if w[0] == "bokehnet"], ids=" ".join)
 def test_every_option_of_a_bokehnet_command_is_known(words, cli):
-    told = cli(words[1], "--help-all" if words[1] in ("render", "compare", "studio") else "--help")
-    assert told.code == 0
+    result = cli(words[1], "--help-all" if words[1] in ("render", "compare", "studio") else "--help")
+    assert result.code == 0
     for option in options_of(words[2:]):
-        assert re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", told.out), option
+        assert re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", result.out), option
 
 
 @pytest.mark.parametrize("words", [w for w in COMMANDS if w[:2] == ["python", "-m"]], ids=" ".join)
@@ -39,8 +39,8 @@ def test_every_file_the_map_names_exists():
     for row in re.findall(r"^\|.*\| (.*) \|$", README, flags=re.MULTILINE)[2:]:
         folder = Path()
         for name in re.findall(r"`([\w/.*]+)`", row):
-            found = list(ROOT.glob(name)) or list(ROOT.glob(str(folder / name)))
-            assert found, name
+            result = list(ROOT.glob(name)) or list(ROOT.glob(str(folder / name)))
+            assert result, name
             folder = Path(name).parent if "/" in name else folder
 
 

@@ -92,7 +92,7 @@ def test_python_writes_what_the_command_writes(folder, block, code, monkeypatch)
     for words in commands_of(block):
         assert run(words) == 0
     written = {path.name: path.read_bytes() for path in folder.iterdir() if path.name not in before}
-    wanted = {name: read_channels(name) for name in written if name.endswith(".exr")}
+    expected = {name: read_channels(name) for name in written if name.endswith(".exr")}
     assert written
     for name in written:
         (folder / name).unlink()
@@ -101,9 +101,9 @@ def test_python_writes_what_the_command_writes(folder, block, code, monkeypatch)
     exec(compile(code, "README.md", "exec"), names)
     assert {path.name for path in folder.iterdir() if path.name not in before} == written.keys()
     for name, content in written.items():
-        if name not in wanted:
+        if name not in expected:
             assert (folder / name).read_bytes() == content, name
             continue
         for channel, (kind, values) in read_channels(name).items():
-            assert kind == wanted[name][channel][0]
-            np.testing.assert_array_equal(values, wanted[name][channel][1])
+            assert kind == expected[name][channel][0]
+            np.testing.assert_array_equal(values, expected[name][channel][1])

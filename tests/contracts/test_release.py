@@ -1,4 +1,4 @@
-"""What is released is whole and agrees with itself. Authority: git's list of files."""
+"""Releases are complete and consistent. Authority: git's list of files."""
 
 import re
 import subprocess
@@ -61,6 +61,6 @@ def test_the_pages_files_are_those_that_the_bundle_names():
     assert set(release.WEB) <= there
     linked = (ROOT / "web/index.html").read_text(encoding="utf-8")
     linked += "".join((ROOT / f"web/{name}").read_text(encoding="utf-8") for name in release.WEB[1:4])
-    wanted = set(re.findall(r"\"(?:\./)?([\w-]+\.js)\"", linked))
-    assert wanted <= set(release.WEB)
-    assert {"page.js", "worker.js", "bokeh.js"} <= wanted
+    expected = set(re.findall(r"\"(?:\./)?([\w-]+\.js)\"", linked))
+    assert expected <= set(release.WEB)
+    assert {"page.js", "worker.js", "bokeh.js"} <= expected

@@ -15,8 +15,8 @@ NUMBER = re.compile(r"  # (\d+)$")
 def numbered(name: str) -> dict[int, int]:
     """Line to the number of the use that stands there."""
     lines = (FOLDER / name).read_text(encoding="utf-8").splitlines()
-    found = {line: NUMBER.search(text) for line, text in enumerate(lines, start=1)}
-    return {line: int(match[1]) for line, match in found.items() if match}
+    results = {line: NUMBER.search(text) for line, text in enumerate(lines, start=1)}
+    return {line: int(match[1]) for line, match in results.items() if match}
 
 
 def refused(name: str) -> set[int]:

@@ -70,12 +70,12 @@ def files(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def studio(files) -> Iterator[Studio]:
     pytest.importorskip("starlette", reason="needs the extra studio")
-    made = Studio(
+    result = Studio(
         files / "photo.png",
         *("--disparity", files / "map.png", "--blur", 12, "--focus", 0, "--repair-disparity", "off"),
     )
-    yield made
-    made.end()
+    yield result
+    result.end()
 
 
 @pytest.fixture
@@ -90,7 +90,9 @@ def page(browser, studio) -> Iterator[object]:
     context.request.post(f"{studio.address}api/change", headers=headers, data={"changes": plain})
     opened, faults = context.new_page(), []
     opened.on("pageerror", lambda error: faults.append(str(error)))
-    opened.on("console", lambda told: faults.append(told.text) if "Content Security" in told.text else None)
+    opened.on(
+        "console", lambda result: faults.append(result.text) if "Content Security" in result.text else None
+    )
     opened.goto(studio.address)
     opened.wait_for_selector("body[data-settled]")
     until(opened, "document.querySelector('#command').textContent !== ''")  # comes after the picture
@@ -113,16 +115,16 @@ def settle() -> Callable[..., None]:
 
 @pytest.fixture
 def pixels() -> Callable[..., np.ndarray]:
-    """What a canvas shows, (H, W, 4)."""
+    """Return the pixels of a canvas, (H, W, 4)."""
 
     def read(page, canvas: str = "#result") -> np.ndarray:
-        found = page.evaluate(
+        result = page.evaluate(
             """(name) => {
                 const canvas = document.querySelector(name), { width, height } = canvas;
                 return [width, height, [...canvas.getContext("2d").getImageData(0, 0, width, height).data]];
             }""",
             canvas,
         )
-        return np.array(found[2], np.uint8).reshape(found[1], found[0], 4)
+        return np.array(result[2], np.uint8).reshape(result[1], result[0], 4)
 
     return read

@@ -13,9 +13,9 @@ pytest.importorskip("torch", reason="scenes need the extra train")
 @pytest.fixture(scope="module")
 def scene_studio():
     pytest.importorskip("starlette", reason="needs the extra studio")
-    made = Studio(ROOT / "configs" / "scene_balls.toml")
-    yield made
-    made.end()
+    studio = Studio(ROOT / "configs" / "scene_balls.toml")
+    yield studio
+    studio.end()
 
 
 @pytest.fixture
@@ -23,7 +23,9 @@ def scene_page(browser, scene_studio):
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     opened, faults = context.new_page(), []
     opened.on("pageerror", lambda error: faults.append(str(error)))
-    opened.on("console", lambda told: faults.append(told.text) if "Content Security" in told.text else None)
+    opened.on(
+        "console", lambda result: faults.append(result.text) if "Content Security" in result.text else None
+    )
     opened.goto(scene_studio.address)
     until(opened, "document.body.dataset.stage === 'traced'")
     yield opened

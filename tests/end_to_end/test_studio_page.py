@@ -25,8 +25,8 @@ TOLD = {"camera": {"blur": 12}, "focus": {"value": 0}, "depth": {"repair": "off"
 
 def rendered(files, **changes) -> np.ndarray:
     """The picture that Python makes, as bytes of sRGB."""
-    told = {**TOLD, "input": {"disparity": str(files / "map.png")}, **changes}
-    settings = RenderSettings().updated(told)
+    reports = {**TOLD, "input": {"disparity": str(files / "map.png")}, **changes}
+    settings = RenderSettings().updated(reports)
     scene = read_scene(files / "photo.png", settings)
     return np.rint(255 * linear_to_srgb(np.clip(BokehRenderer().render(scene, settings).bokeh, 0, 1)))
 
@@ -300,7 +300,7 @@ def large(side: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         ("broken.jpg", b"\xff\xd8\xff\xe0 no picture", "broken.jpg"),
         ("empty.png", b"", "empty.png"),
@@ -310,12 +310,12 @@ def large(side: int) -> bytes:
     ids=["broken", "empty", "text", "100 MP"],
 )
 def test_a_file_that_cannot_be_opened_is_reported_and_the_picture_stays(
-    page, pixels, settle, name, content, told
+    page, pixels, settle, name, content, message
 ):
     before = pixels(page)
     page.set_input_files("#open", {"name": name, "mimeType": "image/png", "buffer": content})
     until(page, "document.querySelector('#error').textContent !== ''")
-    assert told in page.locator("#error").inner_text()
+    assert message in page.locator("#error").inner_text()
     assert (pixels(page) == before).all()
     settle(page, lambda: put(page, "#focus", 0.5))
 
@@ -400,7 +400,7 @@ def test_only_this_machine_can_reach_the_studio(studio):
 
 
 def helpers(process) -> list[int]:
-    """The processes in which a studio does what takes long, as Linux tells them."""
+    """The processes in which a studio does its long work, as Linux lists them."""
     try:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     except OSError:

@@ -39,7 +39,7 @@ def run_files(folder: Path, max_seconds: float) -> Counter[str]:
     return counts
 
 
-def fuzz(minutes: float, seed: int, found: Path | None) -> Counter[str]:
+def fuzz(minutes: float, seed: int, actual: Path | None) -> Counter[str]:
     """Mutate seeds until the time is up; print a line for each finding, and keep its file in ``found``."""
     counts: Counter[str] = Counter()
     end = time.monotonic() + 60 * minutes
@@ -85,9 +85,9 @@ def fuzz(minutes: float, seed: int, found: Path | None) -> Counter[str]:
             counts[result.kind] += 1
             if result.is_finding:
                 _say(f"attempt {number} of seed {seed}: {_line(label, task, result)}\n{result.text[-1500:]}")
-                if found is not None:
-                    found.mkdir(parents=True, exist_ok=True)
-                    (found / f"{seed}_{number}_{result.kind.replace(' ', '_')}_{label}").write_bytes(kept)
+                if actual is not None:
+                    actual.mkdir(parents=True, exist_ok=True)
+                    (actual / f"{seed}_{number}_{result.kind.replace(' ', '_')}_{label}").write_bytes(kept)
             if time.monotonic() > reported + _REPORT_SECONDS:
                 reported = time.monotonic()
                 _say(f"so far {dict(counts)}")

@@ -94,8 +94,8 @@ def _photos(folder: Path) -> None:
 
     stored = np.linspace(0, 255, 48 * 64).reshape(48, 64).astype(np.uint8)
     for number, photo in enumerate((phone_files.gdepth_photo, phone_files.extended_gdepth_photo)):
-        made: Any = photo(stored, near=1, far=5)
-        data = made.read_bytes() if isinstance(made, Path) else bytes(made)
+        result: Any = photo(stored, near=1, far=5)
+        data = result.read_bytes() if isinstance(result, Path) else bytes(result)
         (folder / f"phone{number}.jpg").write_bytes(data)
 
 

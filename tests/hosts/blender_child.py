@@ -19,9 +19,9 @@ def install(archive: str) -> None:
 
 
 def material(name, color, glow=0.0):
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    nodes, links = made.node_tree.nodes, made.node_tree.links
+    result = bpy.data.materials.new(name)
+    result.use_nodes = True
+    nodes, links = result.node_tree.nodes, result.node_tree.links
     nodes.clear()
     output, shader = nodes.new("ShaderNodeOutputMaterial"), nodes.new("ShaderNodeEmission")
     shader.inputs["Strength"].default_value = glow or 1.0
@@ -36,7 +36,7 @@ def material(name, color, glow=0.0):
         links.new(coordinates.outputs["Object"], checker.inputs["Vector"])
         links.new(checker.outputs["Color"], shader.inputs["Color"])
     links.new(shader.outputs["Emission"], output.inputs["Surface"])
-    return made
+    return result
 
 
 def add(shape, place, size, made):
@@ -102,7 +102,7 @@ def pixels_of(name):
 def main() -> None:
     words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     archive, folder, task = words[0], Path(words[1]), json.loads(words[2])
-    told = {"version": bpy.app.version_string}
+    reports = {"version": bpy.app.version_string}
     scene = build(**task.get("camera", {}))
     install(archive)  # after the factory settings, which take extensions away
     if task.get("truth"):
@@ -129,20 +129,20 @@ def main() -> None:
             bpy.ops.bokehnet.render_animation()
         else:
             bpy.ops.bokehnet.render()
-    except RuntimeError as error:  # how Blender tells a report of an error to scripts
-        told["error"] = str(error).strip()
+    except RuntimeError as error:  # how Blender reports an error to scripts
+        reports["error"] = str(error).strip()
     else:
         bpy.ops.bokehnet.to_compositor()
         tree = getattr(scene, "compositing_node_group", None) or scene.node_tree
-        told["node"] = tree.nodes["Bokeh Result"].image.name
-        told["image"] = pixels_of("Bokeh Result")
-    told["unchanged"] = before == (
+        reports["node"] = tree.nodes["Bokeh Result"].image.name
+        reports["image"] = pixels_of("Bokeh Result")
+    reports["unchanged"] = before == (
         scene.render.filepath,
         scene.render.image_settings.file_format,
         dof.use_dof,
     )
     bpy.ops.preferences.addon_disable(module="bl_ext.user_default.bokehnet")
-    print("TOLD " + json.dumps(told))
+    print("TOLD " + json.dumps(reports))
 
 
 main()

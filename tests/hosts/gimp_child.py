@@ -1,4 +1,4 @@
-"""Runs in GIMP 3, in its python-fu-eval: a picture with a depth layer is rendered, and what came of it told.
+"""Runs in GIMP 3, in its python-fu-eval: a picture with a depth layer is rendered, and the outcome written.
 
 BOKEHNET_TASK names the folder of the files; task.json in it has the program, its options and the depth
 layer's name.
@@ -31,13 +31,13 @@ def main() -> None:
     config.set_property("options", options)
     values = procedure.run(config)
     status = values.index(0)
-    told = {"version": Gimp.version(), "status": status.value_nick}
+    reports = {"version": Gimp.version(), "status": status.value_nick}
     if status != Gimp.PDBStatusType.SUCCESS:
-        told["error"] = values.index(1)
-    told["layers"] = [each.get_name() for each in image.get_layers()]
-    told["visible"] = [each.get_visible() for each in image.get_layers()]
+        reports["error"] = values.index(1)
+    reports["layers"] = [each.get_name() for each in image.get_layers()]
+    reports["visible"] = [each.get_visible() for each in image.get_layers()]
     Gimp.file_save(quiet, image, Gio.File.new_for_path(str(folder / "gimp.png")), None)
-    (folder / "told.json").write_text(json.dumps(told))
+    (folder / "summary.json").write_text(json.dumps(reports))
 
 
 main()

@@ -1,4 +1,4 @@
-"""Runs in Krita, by kritarunner: a document with a depth layer is rendered, and what came of it is told.
+"""Runs in Krita, by kritarunner: a document with a depth layer is rendered, and the outcome is written.
 
 Argument: the folder of the files; task.json in it has the program, its options and the depth layer's name.
 """
@@ -17,7 +17,7 @@ def main(arguments) -> None:
     Krita.instance().setBatchmode(True)
     document = Krita.instance().openDocument(str(folder / "photo.png"))
     map_of = Krita.instance().openDocument(str(folder / "disparity.png"))
-    told = {"version": Krita.instance().version()}
+    reports = {"version": Krita.instance().version()}
     size = (0, 0, document.width(), document.height())
     map_of.setColorSpace(document.colorModel(), document.colorDepth(), document.colorProfile())
     map_of.waitForDone()
@@ -29,9 +29,9 @@ def main(arguments) -> None:
     try:
         bokehnet.render_document(document, options, command)
     except bokehnet.extension.BokehnetError as error:
-        told["error"] = str(error)
-    told["layers"] = [each.name() for each in document.rootNode().childNodes()]
-    told["visible"] = [each.visible() for each in document.rootNode().childNodes()]
+        reports["error"] = str(error)
+    reports["layers"] = [each.name() for each in document.rootNode().childNodes()]
+    reports["visible"] = [each.visible() for each in document.rootNode().childNodes()]
     document.setBatchmode(True)
     document.exportImage(str(folder / "krita.png"), InfoObject())
-    (folder / "told.json").write_text(json.dumps(told))
+    (folder / "summary.json").write_text(json.dumps(reports))

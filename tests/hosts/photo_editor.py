@@ -1,4 +1,4 @@
-"""What the tests of photo editors share: a picture with its disparity, a task for the editor, its answer."""
+"""Shared parts of the tests of photo editors: a picture with its disparity, a task, the answer."""
 
 import json
 import subprocess
@@ -14,7 +14,7 @@ OPTIONS = "--blur 6 --focus 1 --repair-disparity off"
 
 
 class Task:
-    """Files of one rendering by an editor: photo.png, disparity.png, task.json, and what the editor told."""
+    """Files of one rendering by an editor: photo.png, disparity.png, task.json, and the editor's report."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -36,15 +36,17 @@ class Task:
         task = json.dumps([command or str(program), options, depth])
         (self.folder / "task.json").write_text(task, encoding="utf-8")
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
-        told = self.folder / "told.json"
-        assert told.exists(), done.stdout + done.stderr
-        return json.loads(told.read_text(encoding="utf-8"))
+        result = self.folder / "summary.json"
+        assert result.exists(), done.stdout + done.stderr
+        return json.loads(result.read_text(encoding="utf-8"))
 
-    def check(self, found: Path, cli) -> None:
+    def check(self, result: Path, cli) -> None:
         """The editor's picture must be what the command line makes, and not the photograph."""
         lens = [*OPTIONS.split(), "--dither", "off"]
         words = ["--disparity", self.folder / "disparity.png", *lens, "-o", self.folder / "command.png"]
         assert cli("render", self.folder / "photo.png", *words).code == 0
-        picture, wanted = read_image(found), read_image(self.folder / "command.png")
-        assert np.abs(picture - wanted).max() < 0.028  # three levels of 8 bits near white: dither, two files
+        picture, expected = read_image(result), read_image(self.folder / "command.png")
+        assert (
+            np.abs(picture - expected).max() < 0.028
+        )  # three levels of 8 bits near white: dither, two files
         assert np.abs(picture - read_image(self.folder / "photo.png")).max() > 0.1

@@ -40,7 +40,7 @@ def archive(tmp_path_factory):
 
 @pytest.fixture
 def blender(archive, tmp_path):
-    """Run a task in Blender, and return what it told."""
+    """Run a task in Blender, and return its report."""
 
     def run(python=None, **task):
         warm = tmp_path / "python.sh"
@@ -79,17 +79,17 @@ def shown(image):
 def test_the_blur_is_that_of_cycles_and_of_the_command_line(
     blender, cli, tmp_path, camera, options, record_property
 ):
-    told = blender(truth=128, samples=64, camera=camera)
-    assert "error" not in told
-    assert told["unchanged"]
+    response = blender(truth=128, samples=64, camera=camera)
+    assert "error" not in response
+    assert response["unchanged"]
     bokeh = read_image(tmp_path / "bokeh.0001.exr")
     first, second = (shown(read_image(tmp_path / f"truth{seed}.exr")) for seed in (1, 2))
     noise = np.mean((first - second) ** 2) / 4  # of their mean
     error = np.mean((shown(bokeh) - (first + second) / 2) ** 2) - noise
     record_property("dB to Cycles", to_cycles := float(-10 * np.log10(error)))
     assert to_cycles >= 35
-    assert told["node"] == "Bokeh Result"
-    assert told["image"]["mean"] == pytest.approx((3 * bokeh.mean() + 1) / 4, rel=1e-4)  # with its alpha
+    assert response["node"] == "Bokeh Result"
+    assert response["image"]["mean"] == pytest.approx((3 * bokeh.mean() + 1) / 4, rel=1e-4)  # with its alpha
 
     pinhole, by_command = tmp_path / "pinhole.0001.exr", tmp_path / "command.exr"
     # 0.12 on Blender's camera, whose view does not breathe: 3.4 m / (3.4 m - 50 mm) of it for a lens
@@ -105,9 +105,9 @@ def test_the_blur_is_that_of_cycles_and_of_the_command_line(
 @pytest.mark.slow
 def test_an_animation_is_a_sequence_and_what_is_there_is_kept(blender, tmp_path):
     (tmp_path / "bokeh.0003.exr").write_bytes(b"kept")
-    told = blender(samples=4, engine="scatter", frames=[3, 4])
-    assert "error" not in told
-    assert told["image"]["source"] == "SEQUENCE"
+    response = blender(samples=4, engine="scatter", frames=[3, 4])
+    assert "error" not in response
+    assert response["image"]["source"] == "SEQUENCE"
     assert (tmp_path / "bokeh.0003.exr").read_bytes() == b"kept"
     assert (tmp_path / "bokeh.0004.exr").stat().st_size > 1000
     (tmp_path / "bokeh.0003.exr").unlink()
@@ -127,11 +127,11 @@ def test_an_animation_is_a_sequence_and_what_is_there_is_kept(blender, tmp_path)
     ],
 )
 def test_what_is_wrong_is_one_line_in_blenders_own_way(blender, tmp_path, task, message):
-    told = blender(**task)
-    assert message in told["error"]
-    assert told["error"].startswith("Error: ")
-    assert len(told["error"].splitlines()) <= 2  # the second names the script that called the operator
-    assert told["unchanged"]
+    text = blender(**task)
+    assert message in text["error"]
+    assert text["error"].startswith("Error: ")
+    assert len(text["error"].splitlines()) <= 2  # the second names the script that called the operator
+    assert text["unchanged"]
     assert not list(tmp_path.glob("bokeh.*"))
 
 

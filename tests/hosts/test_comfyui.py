@@ -56,9 +56,9 @@ class Host:
 
     def begin(self, workflow: dict, client: str = "") -> str:
         """Queue a workflow."""
-        code, told = self.ask("/prompt", {"prompt": workflow, "client_id": client})
-        assert code == 200, told
-        return told["prompt_id"]
+        code, response = self.ask("/prompt", {"prompt": workflow, "client_id": client})
+        assert code == 200, response
+        return response["prompt_id"]
 
     def end(self, name: str, seconds: float = 180) -> dict:
         """Wait for a workflow; return its history."""
@@ -86,9 +86,9 @@ def host(tmp_path_factory):
     steps = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     steps[:, 30:80], steps[40:, 60:] = 0.2, 1.0
     write_image(base / "input/disparity.png", steps)
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
+    with socket.socket() as result:
+        result.bind(("127.0.0.1", 0))
+        port = result.getsockname()[1]
     command = [os.environ.get("COMFYUI_PYTHON", sys.executable), "main.py", "--cpu", "--port", str(port)]
     command += ["--base-directory", str(base), "--disable-api-nodes", "--database-url", "sqlite:///:memory:"]
     search = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -122,10 +122,10 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_comfyui_lists_the_nodes(host):
-    told = host.ask("/object_info")[1]
+    response = host.ask("/object_info")[1]
     names = {"Render", "FocusPicker", "Look", "DepthRepair", "ExpectedError", "Video", "Save"}
-    assert {f"Bokeh{name}" for name in names} <= set(told)
-    assert told["BokehLook"]["input"]["optional"]["cats_eye"][1]["max"] == 1.5
+    assert {f"Bokeh{name}" for name in names} <= set(response)
+    assert response["BokehLook"]["input"]["optional"]["cats_eye"][1]["max"] == 1.5
 
 
 def test_a_workflow_gives_the_picture_of_the_command_line(host, cli, tmp_path, record_property):
@@ -133,13 +133,13 @@ def test_a_workflow_gives_the_picture_of_the_command_line(host, cli, tmp_path, r
     assert history["status"]["status_str"] == "success", history["status"]
     [file] = history["outputs"]["7"]["images"]
     assert history["outputs"]["6"]["images"]  # the preview
-    ours = read_image(host.base / "output" / file["subfolder"] / file["filename"])
-    given = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus-at", "40,30")
+    own = read_image(host.base / "output" / file["subfolder"] / file["filename"])
+    options = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus-at", "40,30")
     look = ("--blades", "6", "--cats-eye", "0.4", "-o", tmp_path / "out.exr")
-    outcome = cli("render", host.base / "input/photo.png", *given, *look)
+    outcome = cli("render", host.base / "input/photo.png", *options, *look)
     assert outcome.code == 0, outcome.err
-    record_property("dB to the command line", found := psnr(ours, read_image(tmp_path / "out.exr")))
-    assert found >= 60
+    record_property("dB to the command line", result := psnr(own, read_image(tmp_path / "out.exr")))
+    assert result >= 60
 
 
 def test_a_shot_gives_the_frames_of_the_command_line(host, cli, tmp_path):
@@ -150,9 +150,11 @@ def test_a_shot_gives_the_frames_of_the_command_line(host, cli, tmp_path):
     for number in (1, 2, 3):
         write_image(tmp_path / f"in.{number:04}.png", read_image(host.base / "input/photo.png"), bits=16)
     pull = ("--focus-from", "0.2", "--focus-to", "0.8", "--blur-from", "20", "--blur-to", "30")
-    given = ("--disparity", host.base / "input/disparity.png", "--engine", "scatter")
+    options = ("--disparity", host.base / "input/disparity.png", "--engine", "scatter")
     plain = ("--repair-disparity", "auto", "--bits", "16", "--dither", "off", "--frames", "1-3")
-    outcome = cli("render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *given, *pull, *plain)
+    outcome = cli(
+        "render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *options, *pull, *plain
+    )
     assert outcome.code == 0, outcome.err
     for number, file in enumerate(files, start=1):
         assert psnr(read_image(file), read_image(tmp_path / f"out.{number:04}.png")) >= 60
@@ -181,9 +183,9 @@ def test_maps_of_a_shot_are_steady_as_those_of_the_command_line(host, cli, tmp_p
     history = host.end(host.begin(shot))
     assert history["status"]["status_str"] == "success", history["status"]
     files = [host.base / "output" / item["filename"] for item in history["outputs"]["7"]["images"]]
-    given = ("--disparity", tmp_path / "d.####.png", "--engine", "scatter", "--repair-disparity", "off")
+    options = ("--disparity", tmp_path / "d.####.png", "--engine", "scatter", "--repair-disparity", "off")
     plain = ("--blur", "20", "--focus", "0.2", "--bits", "16", "--dither", "off", "--frames", "1-5")
-    outcome = cli("render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *given, *plain)
+    outcome = cli("render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *options, *plain)
     assert outcome.code == 0, outcome.err
     for number, file in enumerate(files, start=1):
         assert psnr(read_image(file), read_image(tmp_path / f"out.{number:04}.png")) >= 60
@@ -193,13 +195,13 @@ def test_the_expected_error_is_that_of_the_command_line(host, cli, tmp_path):
     history = host.end(host.begin(workflow("expected_error")))
     assert history["status"]["status_str"] == "success", history["status"]
     [file] = history["outputs"]["5"]["images"]
-    found = linear_to_srgb(read_image(host.base / "output" / file["filename"]))[..., 0]
-    given = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus", "0.5")
+    picture = linear_to_srgb(read_image(host.base / "output" / file["filename"]))[..., 0]
+    options = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus", "0.5")
     folder = ("--save-maps", tmp_path / "maps", "-o", tmp_path / "out.png")
-    assert cli("render", host.base / "input/photo.png", *given, *folder).code == 0
-    wanted = np.minimum(read_image(tmp_path / "maps/expected_error.exr")[..., 0] / 16, 1)
-    assert wanted.max() > 0.2
-    assert np.abs(found - wanted).max() < 1 / 255  # ComfyUI cuts off when it rounds
+    assert cli("render", host.base / "input/photo.png", *options, *folder).code == 0
+    expected = np.minimum(read_image(tmp_path / "maps/expected_error.exr")[..., 0] / 16, 1)
+    assert expected.max() > 0.2
+    assert np.abs(picture - expected).max() < 1 / 255  # ComfyUI cuts off when it rounds
 
 
 def test_the_bar_moves_and_each_frame_is_shown(host):
@@ -212,11 +214,11 @@ def test_the_bar_moves_and_each_frame_is_shown(host):
                 assert (kind, form) == (1, 1)  # a preview, as JPEG
                 shown.append(message[8:])
                 continue
-            told = json.loads(message)
-            data = told["data"]
-            if told["type"] == "progress" and data["node"] == "5" and data["prompt_id"] == name:
+            summary = json.loads(message)
+            data = summary["data"]
+            if summary["type"] == "progress" and data["node"] == "5" and data["prompt_id"] == name:
                 values.append((data["value"], data["max"]))
-            if told["type"] == "execution_success":
+            if summary["type"] == "execution_success":
                 break
     assert all(picture[:2] == b"\xff\xd8" for picture in shown)  # SOI marker of ISO/IEC 10918-1
     assert len(shown) == 1 + 3  # the repaired map and three frames
@@ -230,8 +232,8 @@ def test_a_mask_is_a_map_and_a_matte(host):
     masked["10"] = {"class_type": "ImageToMask", "inputs": {"image": ["2", 0], "channel": "red"}}
     masked["5"]["inputs"]["disparity"] = ["10", 0]
     files = []
-    for given in (workflow("still"), masked, {**masked, "5": _with(masked["5"], matte=["10", 0])}):
-        history = host.end(host.begin(given))
+    for original in (workflow("still"), masked, {**masked, "5": _with(masked["5"], matte=["10", 0])}):
+        history = host.end(host.begin(original))
         assert history["status"]["status_str"] == "success", history["status"]
         files.append(read_image(host.base / "output" / history["outputs"]["7"]["images"][0]["filename"]))
     assert np.array_equal(files[0], files[1])
@@ -245,9 +247,9 @@ def _with(node: dict, **inputs: object) -> dict:
 def test_a_value_out_of_range_is_refused_before_it_runs(host):
     wrong = workflow("still")
     wrong["5"]["inputs"]["blur"] = -3.0
-    code, told = host.ask("/prompt", {"prompt": wrong})
+    code, response = host.ask("/prompt", {"prompt": wrong})
     assert code == 400
-    assert "blur" in json.dumps(told["node_errors"]["5"])
+    assert "blur" in json.dumps(response["node_errors"]["5"])
 
 
 @pytest.mark.parametrize(

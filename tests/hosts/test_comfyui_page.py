@@ -19,10 +19,10 @@ def test_the_page_loads_an_example_and_runs_it(host, browser):  # noqa: F811
     known = "() => window.app?.graph && window.LiteGraph?.registered_node_types?.BokehRender"
     page.wait_for_function(known, timeout=120_000)
     time.sleep(1)  # the page puts its own start in the graph
-    wanted = sorted(node["class_type"] for node in json.loads(text).values())
+    expected = sorted(node["class_type"] for node in json.loads(text).values())
     page.evaluate(LOAD, [text])
     end = time.monotonic() + 60
-    while sorted(page.evaluate(TYPES)) != wanted:
+    while sorted(page.evaluate(TYPES)) != expected:
         assert time.monotonic() < end, page.evaluate(TYPES)
         time.sleep(0.2)
     before = set(host.ask("/history")[1])

@@ -72,28 +72,28 @@ def darktable(tmp_path):
 
 @pytest.mark.slow
 def test_an_edited_picture_appears_next_to_the_original(darktable, tmp_path, cli):
-    told = darktable()
-    made = tmp_path / "photo.bokeh.tif"
-    assert f"MADE\t{made}" in told
-    assert "LEADER\t2" in told
+    message = darktable()
+    result = tmp_path / "photo.bokeh.tif"
+    assert f"MADE\t{result}" in message
+    assert "LEADER\t2" in message
     disparity = tmp_path / "photo.disparity.png"
     lens = ["--blur", "6", "--focus", "1", "--repair-disparity", "off"]
     by_command = tmp_path / "command.tif"
     assert cli("render", tmp_path / "photo.png", "--disparity", disparity, *lens, "-o", by_command).code == 0
-    assert np.abs(read_image(made) - read_image(by_command)).max() < 0.02  # through darktable's own colours
-    assert np.abs(read_image(made) - read_image(tmp_path / "photo.png")).max() > 0.1
+    assert np.abs(read_image(result) - read_image(by_command)).max() < 0.02  # through darktable's own colours
+    assert np.abs(read_image(result) - read_image(tmp_path / "photo.png")).max() > 0.1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({"options": "--blur minus"}, "--blur"),
         ({"command": "/nowhere/bokehnet"}, "/nowhere/bokehnet"),
     ],
 )
-def test_what_is_wrong_is_one_line(darktable, tmp_path, given, message):
-    (line,) = [line for line in darktable(**given).splitlines() if line.startswith("MADE")]
+def test_what_is_wrong_is_one_line(darktable, tmp_path, arguments, message):
+    (line,) = [line for line in darktable(**arguments).splitlines() if line.startswith("MADE")]
     assert line.startswith("MADE\tnil\t")
     assert message in line
     assert not (tmp_path / "photo.bokeh.tif").exists()

@@ -28,10 +28,12 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """GIMP's own folder, with the plug-in as a user puts it there."""
-    made = tmp_path_factory.mktemp("gimp")
-    install("gimp", made / "plug-ins", tmp_path_factory.mktemp("downloads"))
-    assert (made / "plug-ins/bokehnet/bokehnet.py").stat().st_mode & stat.S_IXUSR  # else GIMP passes over it
-    return made
+    result = tmp_path_factory.mktemp("gimp")
+    install("gimp", result / "plug-ins", tmp_path_factory.mktemp("downloads"))
+    assert (
+        result / "plug-ins/bokehnet/bokehnet.py"
+    ).stat().st_mode & stat.S_IXUSR  # else GIMP passes over it
+    return result
 
 
 @pytest.fixture
@@ -41,7 +43,7 @@ def task(tmp_path):
 
 @pytest.fixture
 def gimp(task, folder):
-    """Render a picture by its depth layer; return what the plug-in told."""
+    """Render a picture by its depth layer; return the report of the plug-in."""
 
     def run(options=OPTIONS, depth="depth", command=None):
         environment = {"GIMP3_DIRECTORY": str(folder), "BOKEHNET_TASK": str(task.folder)}
@@ -53,15 +55,15 @@ def gimp(task, folder):
 
 
 def test_the_result_is_a_layer_and_is_what_the_command_line_makes(gimp, task, cli):
-    told = gimp()
-    assert told["status"] == "success", told
-    assert told["layers"] == ["bokeh", "depth", "Background"]
-    assert all(told["visible"])
+    response = gimp()
+    assert response["status"] == "success", response
+    assert response["layers"] == ["bokeh", "depth", "Background"]
+    assert all(response["visible"])
     task.check(task.folder / "gimp.png", cli)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({"depth": "far"}, "layers: expected one named depth, found far, Background; name the depth so"),
         ({"options": "--blur minus"}, "--blur"),
@@ -71,9 +73,9 @@ def test_the_result_is_a_layer_and_is_what_the_command_line_makes(gimp, task, cl
         ),
     ],
 )
-def test_what_is_wrong_is_one_line_and_the_picture_stays(gimp, given, message):
-    told = gimp(**given)
-    assert told["status"] == "execution-error"
-    assert message in told["error"]
-    assert "\n" not in told["error"].strip()
-    assert "bokeh" not in told["layers"]
+def test_what_is_wrong_is_one_line_and_the_picture_stays(gimp, arguments, message):
+    text = gimp(**arguments)
+    assert text["status"] == "execution-error"
+    assert message in text["error"]
+    assert "\n" not in text["error"].strip()
+    assert "bokeh" not in text["layers"]

@@ -20,9 +20,9 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """Home with the plug-in, where Krita keeps what it makes at its first start, which takes long."""
-    made = tmp_path_factory.mktemp("home")
-    install("krita", made / ".local/share/krita/pykrita", tmp_path_factory.mktemp("downloads"))
-    return str(made)
+    folder = tmp_path_factory.mktemp("home")
+    install("krita", folder / ".local/share/krita/pykrita", tmp_path_factory.mktemp("downloads"))
+    return str(folder)
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def task(tmp_path):
 
 @pytest.fixture
 def krita(task, home):
-    """Render a document of a picture and its depth; return what the plug-in told."""
+    """Render a document of a picture and its depth; return the report of the plug-in."""
 
     def run(options=OPTIONS, depth="depth"):
         # Its Python is the system's, wherever the first `python3` of the path leads.
@@ -48,19 +48,19 @@ def krita(task, home):
 
 
 def test_the_result_is_a_layer_and_is_what_the_command_line_makes(krita, task, cli):
-    told = krita()
-    assert "error" not in told
-    assert told["layers"][-2:] == ["depth", "bokeh"]
-    assert all(told["visible"])
+    response = krita()
+    assert "error" not in response
+    assert response["layers"][-2:] == ["depth", "bokeh"]
+    assert all(response["visible"])
     task.check(task.folder / "krita.png", cli)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [({"depth": "far"}, "layers: expected one named depth, found"), ({"options": "--blur minus"}, "--blur")],
 )
-def test_what_is_wrong_is_one_line_and_the_document_stays(krita, given, message):
-    told = krita(**given)
-    assert message in told["error"]
-    assert "\n" not in told["error"]
-    assert "bokeh" not in told["layers"]
+def test_what_is_wrong_is_one_line_and_the_document_stays(krita, arguments, message):
+    text = krita(**arguments)
+    assert message in text["error"]
+    assert "\n" not in text["error"]
+    assert "bokeh" not in text["layers"]

@@ -31,9 +31,9 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def plugin(tmp_path_factory):
     folder = tmp_path_factory.mktemp("openfx")
-    told = [f"-DOPENFX_ROOT={OPENFX}", f"-DBOKEHNET_OFX_ID={FIRST_EXAMPLE}"]
+    reports = [f"-DOPENFX_ROOT={OPENFX}", f"-DBOKEHNET_OFX_ID={FIRST_EXAMPLE}"]
     for words in (
-        ["-S", str(ROOT / "integrations/openfx"), "-B", str(folder), *told],
+        ["-S", str(ROOT / "integrations/openfx"), "-B", str(folder), *reports],
         ["--build", str(folder)],
     ):
         done = subprocess.run(["cmake", *words], capture_output=True, text=True)
@@ -69,16 +69,16 @@ def test_the_host_example_renders_what_the_renderer_does(plugin, tmp_path):
     assert f"Plug-in:{FIRST_EXAMPLE}" in done.stdout
     assert "OfxImageEffectContextGeneral" in done.stdout
     words = (tmp_path / "Output.0.ppm").read_text().splitlines()[4:]
-    found = np.array([line.split() for line in words], np.float32).reshape(576, 720, 3)
+    result = np.array([line.split() for line in words], np.float32).reshape(576, 720, 3)
 
     picture = digits(720, 576, ("00.0", "0"))[::-1]  # upright
     scene = make_scene(
         np.repeat(picture[..., None], 3, -1), DefocusMap(map=np.full((576, 720), 2, np.float32))
     )
     shape = {"cats_eye": 1.5, "squeeze": 2 / (768 / 720)}  # 2, but for pixels that are wider than high
-    wanted = BokehRenderer().render(scene, RenderSettings().updated({"aperture": shape})).bokeh[::-1]
-    assert 0 < found[60, 49].max() < 255  # beside a stroke
-    assert np.abs(found - 255 * np.clip(wanted, 0, 1)).max() <= 1
+    expected = BokehRenderer().render(scene, RenderSettings().updated({"aperture": shape})).bokeh[::-1]
+    assert 0 < result[60, 49].max() < 255  # beside a stroke
+    assert np.abs(result - 255 * np.clip(expected, 0, 1)).max() <= 1
     assert not list(Path("/dev/shm").glob("bokehnet-*"))
 
 

@@ -63,10 +63,10 @@ def render(plugin, picture, tmp_path_factory):  # noqa: F811
             (folder / name).unlink(missing_ok=True)
             if name in clips and name not in without:
                 (folder / name).write_bytes(np.ascontiguousarray(clips[name][::-1], np.float32).tobytes())
-        told = {"center": CENTER, "size": SIZE, "max_size": 12, "math": 0, "engine": 1, **numbers}
+        reports = {"center": CENTER, "size": SIZE, "max_size": 12, "math": 0, "engine": 1, **numbers}
         where = [str(edge) for edge in window or (0, 0, width, height)]
         words = [folder / "host", library, folder, width, height, *where, 1 / step, abort]
-        words += [f"{name}={value}" for name, value in told.items()]
+        words += [f"{name}={value}" for name, value in reports.items()]
         environment = dict(os.environ, BOKEHNET_PYTHON=str(python), PYTHONPATH=str(ROOT))
         done = subprocess.run([str(word) for word in words], env=environment, capture_output=True, text=True)
         stored = np.frombuffer((folder / "result").read_bytes(), np.float32).reshape(height, width, 4)
@@ -83,15 +83,15 @@ def by_renderer(picture, step=1):
 
 
 def test_distance_its_inverse_and_radii_become_the_renderers_picture(render, picture):
-    found, told = render()
-    assert "status 0" in told
-    assert "identity 0" in told
-    assert np.abs(found[..., :3] - by_renderer(picture)).max() < 1e-5
-    assert (found[..., 3] == 1).all()
+    result, message = render()
+    assert "status 0" in message
+    assert "identity 0" in message
+    assert np.abs(result[..., :3] - by_renderer(picture)).max() < 1e-5
+    assert (result[..., 3] == 1).all()
     inverse, _ = render(math=1, center=1 / CENTER, change=lambda depth: 1 / depth)
-    assert np.abs(inverse - found).max() < 1e-4
+    assert np.abs(inverse - result).max() < 1e-4
     direct, _ = render(math=2, change=lambda depth: SIZE * (CENTER / depth - 1))
-    assert np.abs(direct - found).max() < 1e-4
+    assert np.abs(direct - result).max() < 1e-4
 
 
 def test_a_window_equals_that_part_of_the_whole_and_only_it_is_written(render):
@@ -105,23 +105,23 @@ def test_a_window_equals_that_part_of_the_whole_and_only_it_is_written(render):
 
 
 def test_in_a_proxy_radii_shrink_with_the_picture(render, picture):
-    found, _ = render(step=2)
-    assert np.abs(found[..., :3] - by_renderer(picture, 2)).max() < 1e-5
+    result, _ = render(step=2)
+    assert np.abs(result[..., :3] - by_renderer(picture, 2)).max() < 1e-5
 
 
 def test_a_mask_mixes_the_result_with_the_source(render, picture):
     mask = np.zeros((HEIGHT, WIDTH), np.float32)
     mask[:, 48:] = 0.5
-    found, _ = render(mask=mask)
-    assert np.array_equal(found[:, :48, :3], picture[0][:, :48])
-    wanted = (by_renderer(picture) + picture[0]) / 2
-    assert np.abs(found[:, 48:, :3] - wanted[:, 48:]).max() < 1e-5
+    result, _ = render(mask=mask)
+    assert np.array_equal(result[:, :48, :3], picture[0][:, :48])
+    expected = (by_renderer(picture) + picture[0]) / 2
+    assert np.abs(result[:, 48:, :3] - expected[:, 48:]).max() < 1e-5
 
 
 def test_an_unused_picture_is_not_written(render):
-    found, told = render(abort=0, engine=0)
-    assert "status 0" in told
-    assert (found == -1).all()
+    result, message = render(abort=0, engine=0)
+    assert "status 0" in message
+    assert (result == -1).all()
 
 
 def test_no_blur_is_the_source(render):
@@ -129,15 +129,15 @@ def test_no_blur_is_the_source(render):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({"without": ("Z",)}, "Z: expected a clip with the depth, found none; connect one"),
         ({"center": 0}, "center: expected a distance above 0 with math depth; set it"),
         ({"python": "/bin/false"}, "BOKEHNET_PYTHON: expected a Python with bokehnet, found /bin/false"),
     ],
 )
-def test_what_is_wrong_is_one_message(render, given, message):
-    found, told = render(**given)
-    assert f"OfxMessageError {message}" in told
-    assert "status 1" in told
-    assert (found == -1).all()
+def test_what_is_wrong_is_one_message(render, arguments, message):
+    result, text = render(**arguments)
+    assert f"OfxMessageError {message}" in text
+    assert "status 1" in text
+    assert (result == -1).all()

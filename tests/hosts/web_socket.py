@@ -15,10 +15,10 @@ def messages(port: int, path: str, seconds: float = 180) -> Iterator[Iterator[st
     """Give the messages of a server on this machine, until it is silent for so long."""
     with socket.create_connection(("127.0.0.1", port), timeout=seconds) as line:
         key = base64.b64encode(os.urandom(16)).decode()
-        asked = (
+        requested = (
             f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         )
-        line.sendall(f"{asked}Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+        line.sendall(f"{requested}Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
         file = line.makefile("rb")
         status = file.readline()
         assert b" 101 " in status, status

@@ -131,18 +131,18 @@ def run_program(folder: Path, source: str, limit: float = LIMIT, **variables: st
         start_new_session=True,
     )
     try:
-        _, told = process.communicate(timeout=limit)
+        _, output = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         pytest.fail(f"hung: {process.communicate()[1]}")
-    return process.returncode, told
+    return process.returncode, output
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled(tmp_path_factory):
     """Kernels are compiled before any time is limited."""
-    code, told = run_program(tmp_path_factory.mktemp("first"), COMMON, limit=580)
-    assert code == 0, told
+    code, output = run_program(tmp_path_factory.mktemp("first"), COMMON, limit=580)
+    assert code == 0, output
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
@@ -152,8 +152,8 @@ def test_children_of_a_process_that_rendered_give_the_same_bits(tmp_path, way):
         if module in WAYS[way] and find_spec(module) is None:
             pytest.skip(f"needs {module}, which is not installed")
     source = COMMON + WAYS[way] + "    assert found == [wanted, wanted], (found, wanted)\n"
-    code, told = run_program(tmp_path, source)
-    assert code == 0, told
+    code, output = run_program(tmp_path, source)
+    assert code == 0, output
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="GNU OpenMP is Linux's")
@@ -168,5 +168,5 @@ def test_a_layer_that_does_not_outlive_a_fork_is_refused_in_words(tmp_path):
         "            os._exit(7 if 'NUMBA_THREADING_LAYER' in str(error) else 1)\n"
         "    assert os.waitstatus_to_exitcode(os.wait()[1]) == 7\n"
     )
-    code, told = run_program(tmp_path, source, NUMBA_THREADING_LAYER="omp")
-    assert code == 0, told
+    code, output = run_program(tmp_path, source, NUMBA_THREADING_LAYER="omp")
+    assert code == 0, output

@@ -1,4 +1,4 @@
-"""What must hold of the scatter for any picture and any defocus."""
+"""Properties of the scatter for any picture and any defocus."""
 
 import numba
 import numpy as np

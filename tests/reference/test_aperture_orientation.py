@@ -21,8 +21,8 @@ def traced(lens: ThinLens, depth: float) -> np.ndarray:
     height, width = LETTER.shape
     pupil_uv = np.stack([(2 * columns + 1 - width) / height, (2 * rows + 1 - height) / height], -1)
     pupil_uv = pupil_uv[(pupil_uv**2).sum(-1) <= 1]
-    found = lens.sample_rays(*np.broadcast_arrays(sensor_xy, pupil_uv))
-    at_lamp = found.origin + depth * found.slope
+    result = lens.sample_rays(*np.broadcast_arrays(sensor_xy, pupil_uv))
+    at_lamp = result.origin + depth * result.slope
     lamp = 1.2 * PITCH * depth / lens.sensor_distance
     return ((at_lamp**2).sum(-1) < lamp**2).mean(-1)
 
@@ -40,9 +40,9 @@ def test_an_f_is_upright_behind_focus_and_turned_in_front_of_it(depth):
     image[SIDE // 2, SIDE // 2] = 1
     blur = np.full((SIDE, SIDE), defocus, np.float32)
     shown = rays(image, blur, aperture=Aperture(picture=LETTER))[..., 0]
-    wanted = traced(lens, depth)
-    assert correlation(shown, wanted) > 0.95
-    assert correlation(shown[::-1, ::-1], wanted) < 0.85
+    expected = traced(lens, depth)
+    assert correlation(shown, expected) > 0.95
+    assert correlation(shown[::-1, ::-1], expected) < 0.85
     upright = shown if depth > lens.focus_distance else shown[::-1, ::-1]
     rows, columns = np.nonzero(upright > 0.5 * upright.max())
     assert rows.mean() < SIDE // 2  # the F is heavy at its top left

@@ -85,7 +85,7 @@ def test_the_retrofocus_has_the_seidel_coefficients_that_its_patent_prints():
     lens = load_lens("retrofocus")
     focal, pupil = 100.0, lens.paraxial.entrance.position
     marginal, chief = (focal, 0.0), (-pupil, 1.0)
-    place, index, found = 0.0, 1.0, []
+    place, index, results = 0.0, 1.0, []
     for surface in lens.surfaces:
         gap = (surface.vertex - place) / index
         place = surface.vertex
@@ -94,13 +94,13 @@ def test_the_retrofocus_has_the_seidel_coefficients_that_its_patent_prints():
             continue
         sums = surface_sums(marginal, chief, surface.curvature, 0.0, surface.before, surface.behind)
         tangential, sagittal = 3 * sums.astigmatism + sums.petzval, sums.astigmatism + sums.petzval
-        found.append([sums.spherical, sums.coma, tangential, sagittal, sums.distortion])
+        results.append([sums.spherical, sums.coma, tangential, sagittal, sums.distortion])
         power = (surface.behind - surface.before) * surface.curvature
         marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
         index = surface.behind
     printed = np.array(NIKKOR.split(), float).reshape(14, 5)
-    assert np.abs(np.array(found) / focal - printed).max(0) == pytest.approx(0, abs=0.05)
-    assert np.array(found).sum(0) / focal == pytest.approx([1.372, 0.001, 0.079, 0.116, 0.169], abs=0.02)
+    assert np.abs(np.array(results) / focal - printed).max(0) == pytest.approx(0, abs=0.05)
+    assert np.array(results).sum(0) / focal == pytest.approx([1.372, 0.001, 0.079, 0.116, 0.169], abs=0.02)
 
 
 def test_the_doublets_of_the_petzval_lens_have_the_ratios_that_its_patent_prints():

@@ -78,7 +78,7 @@ def in_torch(image, defocus, arnet, iunet=None):
         for x in (image, defocus, classical, classical_error_map)
     ]
     with torch.no_grad():
-        found = render_neural(
+        picture = render_neural(
             *batch,
             arnet=arnet,
             iunet=iunet,
@@ -86,7 +86,7 @@ def in_torch(image, defocus, arnet, iunet=None):
             max_valid_radius=TRUSTED,
             leaves_outlines=True,
         )
-    bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (found.bokeh, found.error_map))
+    bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (picture.bokeh, picture.error_map))
     return bokeh, error_map[..., 0], classical
 
 
@@ -100,8 +100,8 @@ def in_one_file(session, image, defocus):
 def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     """No, one and two halvings; sides that no block divides; enough rows for several strips."""
     image, defocus = 2 * picture(701, 67), steps(701, 67, radius, seed=4)
-    wanted, error_map, classical = in_torch(image, defocus, arnet)
-    assert np.abs(wanted - classical)[error_map > 0].mean() > 0.01
+    expected, error_map, classical = in_torch(image, defocus, arnet)
+    assert np.abs(expected - classical)[error_map > 0].mean() > 0.01
     renderer = BokehRenderer("fast", weights=weights)
     calls: list[tuple[int, int]] = []
     continued = image.shape[1] + 2 * min(int(radius), image.shape[1] // 2 + 1)  # beyond both borders
@@ -112,23 +112,23 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     )
     assert calls[-1][1] > 2
     file = in_one_file(one_file, image, defocus)
-    for found in (whole.bokeh, strips.bokeh, file):
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=TOLERANCE)
-    for found in (whole.error_map, strips.error_map):
-        np.testing.assert_allclose(found, error_map, rtol=0, atol=TOLERANCE)
+    for result in (whole.bokeh, strips.bokeh, file):
+        np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)
+    for result in (whole.error_map, strips.error_map):
+        np.testing.assert_allclose(result, error_map, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize("radius", [8.0, 17.0, 40.0])
 def test_all_ways_with_an_iunet_agree(pair, radius):
     """The renderer runs it in tiles, the one file over the whole picture. Strips refuse it."""
     image, defocus = picture(97, 131), steps(97, 131, radius, seed=4)
-    wanted, error_map, _ = in_torch(image, defocus, *random_networks())
+    expected, error_map, _ = in_torch(image, defocus, *random_networks())
     renderer = BokehRenderer("neural", weights=pair)
-    found = renderer.render_arrays(image, defocus)
+    result = renderer.render_arrays(image, defocus)
     file = in_one_file(start(build_model(pair, "neural")), image, defocus)
-    np.testing.assert_allclose(found.bokeh, wanted, rtol=0, atol=TOLERANCE)
-    np.testing.assert_allclose(file, wanted, rtol=0, atol=TOLERANCE)
-    np.testing.assert_allclose(found.error_map, error_map, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(result.bokeh, expected, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(file, expected, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(result.error_map, error_map, rtol=0, atol=TOLERANCE)
     with pytest.raises(ParameterError, match="these networks need the whole picture"):
         renderer.render_arrays(
             *(np.tile(x, (9, 1, 1)[: x.ndim]) for x in (image, defocus)),
@@ -139,8 +139,8 @@ def test_all_ways_with_an_iunet_agree(pair, radius):
 def test_fast_is_neural_without_its_iunet(arnet, pair):
     image, defocus = picture(97, 131), steps(97, 131, 17.0, seed=4)
     refined, _, _ = in_torch(image, defocus, *random_networks())
-    wanted, _, _ = in_torch(image, defocus, arnet)
-    assert np.abs(refined - wanted).max() > 0.01
+    expected, _, _ = in_torch(image, defocus, arnet)
+    assert np.abs(refined - expected).max() > 0.01
     renderer, session = BokehRenderer("fast", weights=pair), start(build_model(pair, "fast"))
-    for found in (renderer.render_arrays(image, defocus).bokeh, in_one_file(session, image, defocus)):
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=TOLERANCE)
+    for result in (renderer.render_arrays(image, defocus).bokeh, in_one_file(session, image, defocus)):
+        np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)

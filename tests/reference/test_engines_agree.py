@@ -51,8 +51,8 @@ def test_a_facing_textured_plane_agrees_to_45_db(radius):
     assert np.abs(defocus) == pytest.approx(radius, abs=1e-3)
     traced = render_bokeh(scene, seen, 1024, seed=1).numpy()
     margin = math.ceil(radius) + 2
-    got, wanted = (linear_to_srgb(inner(x, margin)) for x in (scatter(sharp, defocus), traced))
-    assert -10 * np.log10(np.mean((got - wanted) ** 2)) >= 45
+    result, expected = (linear_to_srgb(inner(x, margin)) for x in (scatter(sharp, defocus), traced))
+    assert -10 * np.log10(np.mean((result - expected) ** 2)) >= 45
 
 
 @pytest.mark.parametrize("radius", [4.0, 12.3])

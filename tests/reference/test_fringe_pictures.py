@@ -61,16 +61,16 @@ def test_lateral_fringes_shift_each_channel_by_its_wavelength(name):
     """An edge in focus, off the axis: its place moves by h s1, in the mean over the channel's wavelengths."""
     chromatic_aberration, light = ChromaticAberration(lateral=30), LIGHT[name]
     column = 180
-    found, _ = moments(render(column, 0.0, chromatic_aberration, light))
+    result, _ = moments(render(column, 0.0, chromatic_aberration, light))
     shift = (
         HALF_DIAGONAL * chromatic_aberration.strengths(SPECTRUM)[:, 1] * (column - WIDTH / 2) / HALF_DIAGONAL
     )
     # The field position is that of the receiving pixel, beyond the edge by the shift.
     shift = shift / (1 - chromatic_aberration.strengths(SPECTRUM)[:, 1])
-    wanted = column + spectral_mean(shift, light)
-    assert np.ptp(wanted) > 5
+    expected = column + spectral_mean(shift, light)
+    assert np.ptp(expected) > 5
     # Three wavelengths meet whole pixels of a sharp picture, and the curve of a mean is not the mean's.
-    assert_allclose(found, wanted, atol=0.35 if name != "rgb" else 0.9)
+    assert_allclose(result, expected, atol=0.35 if name != "rgb" else 0.9)
 
 
 @pytest.mark.parametrize("defocus", [9.0, -9.0])
@@ -78,11 +78,11 @@ def test_lateral_fringes_shift_each_channel_by_its_wavelength(name):
 def test_axial_fringes_blur_each_channel_by_its_wavelength(defocus, name):
     """Discs of the radius d + s0: red ones are the larger in front of focus, blue ones behind it."""
     chromatic_aberration, light = ChromaticAberration(axial=3), LIGHT[name]
-    place, found = moments(render(WIDTH // 2, defocus, chromatic_aberration, light))
+    place, result = moments(render(WIDTH // 2, defocus, chromatic_aberration, light))
     radius = defocus + HALF_DIAGONAL * chromatic_aberration.strengths(SPECTRUM)[:, 0]
-    wanted = spectral_mean(radius**2 / 4, light)
-    assert_allclose(found, wanted, rtol=0.08)
-    assert (found[0] > found[2]) == (defocus > 0)
+    expected = spectral_mean(radius**2 / 4, light)
+    assert_allclose(result, expected, rtol=0.08)
+    assert (result[0] > result[2]) == (defocus > 0)
     assert_allclose(place, WIDTH / 2, atol=0.1)
 
 
@@ -96,13 +96,13 @@ def test_there_are_no_lateral_fringes_on_the_axis():
 def test_in_focus_axial_fringes_shift_no_color():
     """All that is left there is a blur around the same point; an even picture keeps its colour."""
     picture = render(180, 0.0, ChromaticAberration(axial=6))
-    place, found = moments(picture)
+    place, result = moments(picture)
     assert_allclose(place, 180, atol=0.1)
     radius = HALF_DIAGONAL * ChromaticAberration(axial=6).strengths(SPECTRUM)[:, 0]
-    wanted = spectral_mean(radius**2 / 4, WavelengthSampling())
+    expected = spectral_mean(radius**2 / 4, WavelengthSampling())
     averaged = 2 / 3  # what the mean of 3x3 pixels adds where surfaces are blurred
-    assert (found > wanted - 0.1).all()
-    assert (found < wanted + averaged + 0.25).all()
+    assert (result > expected - 0.1).all()
+    assert (result < expected + averaged + 0.25).all()
     assert_allclose(picture[ROWS, 60:120], BRIGHT, rtol=1e-5)
 
 
@@ -117,7 +117,8 @@ def test_the_thesis_decay_leaves_no_axial_fringe_in_the_corner():
 
 def test_strength_0_is_the_identity():
     level = np.full((HEIGHT, WIDTH), 5, np.float32)
-    wanted = rays(edge(150), level)
+    expected = rays(edge(150), level)
     assert_array_equal(
-        rays(edge(150), level, lens_response=LensResponse(chromatic_aberration=ChromaticAberration())), wanted
+        rays(edge(150), level, lens_response=LensResponse(chromatic_aberration=ChromaticAberration())),
+        expected,
     )

@@ -52,8 +52,8 @@ def test_relative_disparity_and_lens_data_give_one_defocus():
 def test_defocus_formula_of_an_independent_renderer():
     """r = 0.5 f^2 / N |z - zf| / (z (zf - f)) W / sensor width, here for f/1.66 at 2.25 m, z = 0.5 m."""
     lens = ThinLens(focal_length=50.0, f_number=1.66, focus_distance=2250.0)
-    wanted = 0.5 * 0.05**2 / 1.66 * (2.25 - 0.5) / (0.5 * (2.25 - 0.05)) * 640 / 0.036
-    assert defocus_map(np.full((1, 1), 1 / 500), lens, 36 / 640)[0, 0] == pytest.approx(wanted)
+    expected = 0.5 * 0.05**2 / 1.66 * (2.25 - 0.5) / (0.5 * (2.25 - 0.05)) * 640 / 0.036
+    assert defocus_map(np.full((1, 1), 1 / 500), lens, 36 / 640)[0, 0] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

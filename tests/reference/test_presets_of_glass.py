@@ -7,14 +7,15 @@ import pytest
 
 from bokehnet import RenderSettings, load_preset
 from bokehnet.lenses import PrescriptionLens, load_lens
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, aberration_psf, correlation, traced_psf
 from bokehnet.lenses.seidel_lens import reduce_lens
 from bokehnet.optics.aberrations.chromatic_aberration import make_curve
 from bokehnet.optics.spectral.glass import C_LINE, D_LINE, F_LINE
 from bokehnet.render.look import make_lens_response
 
 SIDE = 61
-ONE = {"wavelengths": np.array([D_LINE]), "colors": np.ones((1, 1)), "field": (0.0, 0.0), "size": SIDE}
+ONE = {"wavelengths": np.array([D_LINE]), "colors": np.ones((1, 1)), "size": SIDE}
+AXIS = (0.0, 0.0)
 
 
 def settings_of(name: str) -> RenderSettings:
@@ -41,10 +42,10 @@ def test_soap_bubbles_have_their_rim_where_spherical_aberration_puts_it(depth, l
     assert settings.aperture.spherical_profile == 0  # the rim would be drawn twice
     defocus = float(lens.coc_radius(1 / depth)) / half
     pitch = 3.2 * abs(defocus) / SIDE
-    wanted = traced_psf(lens, depth=depth, pitch=pitch * half, **ONE)
+    expected = traced_psf(lens, PsfGrid(pitch=pitch * half, **ONE), depth=depth, field=AXIS)
     aberrations = make_lens_response(settings.lens, settings.color).aberration_map
-    shown = aberration_psf(aberrations, defocus=defocus, pitch=pitch, **ONE)
-    assert correlation(shown, wanted) > least
+    shown = aberration_psf(aberrations, PsfGrid(pitch=pitch, **ONE), defocus=defocus, field=AXIS)
+    assert correlation(shown, expected) > least
 
 
 def test_a_portrait_lens_has_its_red_and_blue_together():

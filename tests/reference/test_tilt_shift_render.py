@@ -36,9 +36,9 @@ PIXELS = np.array([CENTRE, (0, 0), (WIDTH - 1, 20), (40, HEIGHT - 1), (150, 100)
 
 
 def seen_from(camera, pixels, pupil, depth=None):
-    """Where rays of pixels (N, 2) through pupil points (N, 2) are seen in the picture, and 1 / depth.
+    """Return the positions in the picture of rays of pixels (N, 2) by pupil points (N, 2), and 1 / depth.
 
-    Traced: the sensor is tilted in the axes of the lens; all is told in the axes of the sensor. At ``depth``
+    Traced: the sensor is tilted in the axes of the lens; all values are in those of the sensor. At ``depth``
     along its normal, mm; by default where the ray meets that of the middle of the pupil.
     """
     lens, pitch = camera.lens, camera.pixel_pitch
@@ -86,7 +86,7 @@ def test_the_plane_in_focus_is_that_of_traced_rays(tilt):
 
 
 def test_three_pixels_determine_the_plane_on_any_tilted_and_shifted_sensor():
-    """Where traced rays meet, at three pixels and at others; the lens does not stand before the middle."""
+    """Authority: intersections of traced rays, at three pixels and at others; the lens is off the middle."""
     lens = TiltShift(
         lens=ThinLens(focal_length=50.0, f_number=2.0, focus_distance=900.0),
         tilt=(-11.0, 4.0),
@@ -130,10 +130,10 @@ def test_discs_are_the_cones_of_traced_rays(tilt):
             run = seen / (1 + seen @ aberration_map.tilt)[:, None]
             assert_allclose(place + defocus[:, None] * run, PIXELS, atol=1e-6)
             # The map itself takes the aperture as parallel to the sensor, which is off by so much:
-            taken = aberration_map(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
+            selected = aberration_map(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
             angle = math.acos(axes[2, 2])
             allowed = 1 - math.cos(angle) + math.sin(angle) * (np.abs(slopes).max() + radius / 350)
-            assert np.linalg.norm(taken - run, axis=-1).max() <= 1.5 * allowed
+            assert np.linalg.norm(selected - run, axis=-1).max() <= 1.5 * allowed
             strongest = max(strongest, np.linalg.norm(run - seen, axis=-1).max())
     assert strongest > 0.05
 
@@ -170,18 +170,18 @@ def test_rays_follow_the_cones(slope):
     defocus = plane_defocus(np.full((120, 160), 0.7, np.float32), blur, plane)
     y, x = np.mgrid[:120, :160].astype(float)
     radius = blur * (0.7 - plane.at(x, y))
-    wanted = np.zeros((120, 160, 3))
+    expected = np.zeros((120, 160, 3))
     pupil = disc_from_square(np.stack([halton(512, 2), halton(512, 3)], -1))
     for u, v in pupil:
         for channel in range(3):
             places = y - radius * v, x - radius * u
-            wanted[..., channel] += map_coordinates(image[..., channel], places, order=1, mode="nearest")
-    wanted /= len(pupil)
+            expected[..., channel] += map_coordinates(image[..., channel], places, order=1, mode="nearest")
+    expected /= len(pupil)
     aberration_map = plane_aberration_map(plane, blur)
     inside = slice(25, -25)
     error = {}
     for name, lens_response in (("conic", LensResponse(aberration_map=aberration_map)), ("round", None)):
-        found = rays(image, defocus, lens_response=lens_response)
-        error[name] = float(((found - wanted)[inside, inside] ** 2).mean()) ** 0.5
+        picture = rays(image, defocus, lens_response=lens_response)
+        error[name] = float(((picture - expected)[inside, inside] ** 2).mean()) ** 0.5
     assert error["conic"] < 0.005
     assert error["conic"] < 0.5 * error["round"]

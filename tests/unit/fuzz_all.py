@@ -178,13 +178,13 @@ def work(folder, kind, seed, number, pipe):
         try:
             for old in folder.glob("out.*"):
                 old.unlink()
-            found = kind(folder, rng)
+            result = kind(folder, rng)
         except BaseException as error:
             sys.stderr.write(f"{kind.__name__} {seed} {number} {step}:\n")
             traceback.print_exc()
-            found = f"{'wrong accept' if isinstance(error, WrongError) else 'unclean'} in {kind.__name__}"
+            result = f"{'wrong accept' if isinstance(error, WrongError) else 'unclean'} in {kind.__name__}"
         signal.alarm(0)
-        os.write(pipe, found.encode() + b"\n")
+        os.write(pipe, result.encode() + b"\n")
     sys.stderr.flush()
     os._exit(0)
 
@@ -219,9 +219,9 @@ def main(seconds, seed):
                 work(folder, kind, seed, number, writing)
             os.close(writing)
             with os.fdopen(reading, "rb") as pipe:
-                told = pipe.read().decode()
+                message = pipe.read().decode()
             _, status = os.waitpid(child, 0)
-        lines = [line.lstrip("?") for line in told.split("\n")]
+        lines = [line.lstrip("?") for line in message.split("\n")]
         counts.update(line for line in lines if line)
         if status:
             died = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0

@@ -81,9 +81,9 @@ class Run:
 
 def test_keys_of_earlier_versions_are_read(tmp_path):
     path = write(tmp_path, "spoilt = 0.25\n[model]\nunit = 8\nsee_hints = true\n")
-    wanted = Run(model=Network(network_max_radius=8.0, see_features=True), augmented=0.25)
-    assert load_config(path, Run) == wanted
-    assert set(to_dict(wanted)["model"]) <= set(OLD_KEYS.values())
+    expected = Run(model=Network(network_max_radius=8.0, see_features=True), augmented=0.25)
+    assert load_config(path, Run) == expected
+    assert set(to_dict(expected)["model"]) <= set(OLD_KEYS.values())
     assert renamed({"spoilt": 1, "other": 2}) == {"augmented": 1, "other": 2}
     with pytest.raises(ConfigError, match="unknown key 'spoilt'"):
         build_config({"spoilt": 0.1, "augmented": 0.2}, Run)

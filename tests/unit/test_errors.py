@@ -49,7 +49,7 @@ def test_empty_parts_are_left_out(arguments, message):
 
 
 @pytest.mark.parametrize(
-    ("got", "text"),
+    ("result", "text"),
     [
         (None, "None"),
         (True, "True"),
@@ -71,10 +71,10 @@ def test_empty_parts_are_left_out(arguments, message):
         (..., "Ellipsis"),
     ],
 )
-def test_values_are_abbreviated(got, text):
-    error = ParameterError("blur", "something else", got)
+def test_values_are_abbreviated(result, text):
+    error = ParameterError("blur", "something else", result)
     assert str(error) == f"blur: expected something else, got {text}"
-    assert error.got is got
+    assert error.got is result
 
 
 def test_long_values_are_cut():

@@ -18,9 +18,9 @@ def test_gradient_descent_finds_blur_and_focus_of_a_given_picture(blur, focus):
     image, disparity = example["small_scene"](6)
     bokeh = example["photograph"](image, disparity, blur, focus)
     assert not torch.allclose(bokeh, image, atol=0.05)
-    found = example["recover"](image, disparity, bokeh)
-    assert found.blur == pytest.approx(blur, rel=0.02)
-    assert found.focus == pytest.approx(focus, rel=0.02, abs=0.002)
+    result = example["recover"](image, disparity, bokeh)
+    assert result.blur == pytest.approx(blur, rel=0.02)
+    assert result.focus == pytest.approx(focus, rel=0.02, abs=0.002)
 
 
 def test_the_example_prints_start_truth_and_what_it_found(python_process):
@@ -37,12 +37,12 @@ def test_our_tracer_answers_for_rays_into_the_scene():
     """Authority: the same tracer's own picture of many rays."""
     example = runpy.run_path(str(ROOT / "examples/selective_rays.py"))
     size = {"camera.width": 48, "camera.height": 32, "camera.shutter": 0.0, "render.bounces": 1}
-    found = example["pictures"](read_scene(ROOT / "configs/scene_balls.toml", size), 32, 128)
-    truth = encode(found["truth"][0])
-    error = {name: float(((encode(picture) - truth) ** 2).mean()) for name, (picture, _) in found.items()}
+    result = example["pictures"](read_scene(ROOT / "configs/scene_balls.toml", size), 32, 128)
+    truth = encode(result["truth"][0])
+    error = {name: float(((encode(picture) - truth) ** 2).mean()) for name, (picture, _) in result.items()}
     assert error["hybrid, ours"] < 0.8 * min(error["scatter"], error["rays, as many"])
     assert error["hybrid, tan"] < 0.8 * error["tan"]
-    assert 0 < found["hybrid, ours"][1] <= 0.36 * 32
+    assert 0 < result["hybrid, ours"][1] <= 0.36 * 32
 
 
 def test_rays_of_the_example_meet_what_the_scene_file_places():

@@ -78,8 +78,8 @@ def test_an_unwritable_folder_is_numbas_own_failure(kernel_file, nowhere):
 
 @pytest.mark.slow
 def test_a_second_program_finds_the_kernels_of_the_first(kernel_file, tmp_path):
-    found = [run(["kernel_file.py"], kernel_file, NUMBA_CACHE_DIR=tmp_path / "cache") for _ in range(2)]
-    assert [(outcome.stdout, outcome.stderr) for outcome in found] == [("0\n", ""), ("2\n", "")]
+    results = [run(["kernel_file.py"], kernel_file, NUMBA_CACHE_DIR=tmp_path / "cache") for _ in range(2)]
+    assert [(outcome.stdout, outcome.stderr) for outcome in results] == [("0\n", ""), ("2\n", "")]
 
 
 @pytest.mark.slow
@@ -89,8 +89,8 @@ def test_damaged_files_are_replaced(kernel_file, tmp_path, kind):
     run(["kernel_file.py"], kernel_file, **cache)
     for path in (tmp_path / "cache").rglob(f"*.{kind}"):
         path.write_bytes(path.read_bytes()[:20])
-    found = [run(["kernel_file.py"], kernel_file, **cache) for _ in range(2)]
-    assert [(outcome.stdout, outcome.stderr) for outcome in found] == [("0\n", ""), ("2\n", "")]
+    results = [run(["kernel_file.py"], kernel_file, **cache) for _ in range(2)]
+    assert [(outcome.stdout, outcome.stderr) for outcome in results] == [("0\n", ""), ("2\n", "")]
 
 
 @pytest.mark.slow
@@ -140,5 +140,5 @@ def test_a_picture_is_rendered_where_nothing_can_be_written_but_the_picture(tmp_
 def test_no_kernel_is_made_by_another_way():
     """So that one place decides: numba's own decorators stand in one file alone."""
     other = re.compile(r"numba\.n?jit\b|from numba import .*\bn?jit\b|\bvectorize\(|\bcfunc\(")
-    found = [path for path in PACKAGE.rglob("*.py") if other.search(path.read_text(encoding="utf-8"))]
-    assert found == [PACKAGE / "kernels.py"]
+    results = [path for path in PACKAGE.rglob("*.py") if other.search(path.read_text(encoding="utf-8"))]
+    assert results == [PACKAGE / "kernels.py"]

@@ -35,8 +35,8 @@ def test_rays_meet_a_slope_where_they_cross_it(pupil):
     """A slope D(x) = 3 + 0.1 x is met at s = D(x - s a) = (3 + 0.1 x) / (1 + 0.1 a)."""
     x, a = np.arange(0.0, 40.0), np.full(40, pupil)
     slab = Slab(*(np.full(40, value) for value in (7.0, 3.0, 9.0, -2.0)))
-    found = find_surface(lambda u, v: [3 + 0.1 * u], (x, x), (a, 0 * a), slab)
-    np.testing.assert_allclose(found, (3 + 0.1 * x) / (1 + 0.1 * a), atol=0.06)
+    result = find_surface(lambda u, v: [3 + 0.1 * u], (x, x), (a, 0 * a), slab)
+    np.testing.assert_allclose(result, (3 + 0.1 * x) / (1 + 0.1 * a), atol=0.06)
 
 
 def test_rays_behind_a_foreground_meet_the_hidden_layer():
@@ -46,6 +46,6 @@ def test_rays_behind_a_foreground_meet_the_hidden_layer():
         return [np.where((column >= 12) & (column <= 20), 6.0, -4.0), np.full(1, -4.0)]
 
     slab = Slab(*(np.full(1, value) for value in (-3.9, -4.1, -3.8, -4.2)))
-    found = find_surface(defocus_at, (np.full(1, 10.0), np.zeros(1)), (np.full(1, 0.9), np.zeros(1)), slab)
-    assert found == -4
-    assert is_inside(slab, found)
+    result = find_surface(defocus_at, (np.full(1, 10.0), np.zeros(1)), (np.full(1, 0.9), np.zeros(1)), slab)
+    assert result == -4
+    assert is_inside(slab, result)

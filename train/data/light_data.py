@@ -91,8 +91,8 @@ def _stored_regions(
         light = with_halo(light, float(rng.uniform(0.1, 1.5)))
     if rng.random() < 0.4:  # the point spread function of a lens or of the demosaicking
         light = gaussian_filter(light, (*[float(rng.uniform(0.3, 1.2))] * 2, 0))
-    given = decoded(_noisy(light, rng))
-    measured = measured_regions(given, nearness)
+    original = decoded(_noisy(light, rng))
+    measured = measured_regions(original, nearness)
     if measured is None:
         return None
     true = measured.regions.sums(light.astype(np.float32))

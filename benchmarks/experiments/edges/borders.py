@@ -44,8 +44,8 @@ def _band_psnr(render: Render, shot: Shot) -> float:
     band = np.ones(shot.defocus.shape, bool)
     band[BAND_PX:-BAND_PX, BAND_PX:-BAND_PX] = False
     pictures = (render(shot.image, shot.defocus, aperture=shot.aperture), shot.truth)
-    found, truth = (linear_to_srgb(np.clip(picture[band], 0, 1)) for picture in pictures)
-    return float(-10 * np.log10(np.mean((found - truth) ** 2)))
+    result, truth = (linear_to_srgb(np.clip(picture[band], 0, 1)) for picture in pictures)
+    return float(-10 * np.log10(np.mean((result - truth) ** 2)))
 
 
 def _line_and_lamp(render: Render) -> tuple[float, float]:

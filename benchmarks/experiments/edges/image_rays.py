@@ -74,8 +74,8 @@ def print_scene(name: str, scene: Scene) -> None:
         print(
             f"{name:10s} {label:20s}{min(seconds):7.2f} s{score:8.2f} dB{lost.mean():8.2%} lost", flush=True
         )
-    ours = compare(rays(scene.image.astype(np.float32), defocus, layers=whole), scene.truth, defocus)
-    print(f"{name:10s} {'our rays':29s}{ours['edge_psnr']:8.2f} dB", flush=True)
+    result = compare(rays(scene.image.astype(np.float32), defocus, layers=whole), scene.truth, defocus)
+    print(f"{name:10s} {'our rays':29s}{result['edge_psnr']:8.2f} dB", flush=True)
 
 
 def main() -> None:

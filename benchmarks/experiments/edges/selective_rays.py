@@ -17,7 +17,7 @@ import numpy as np
 
 from bokehnet.baselines.gather.scatter_as_you_gather import jimenez
 from bokehnet.baselines.rays.ray_mask import normals_of_depth
-from bokehnet.baselines.rays.selective_rays import SelectiveResult, TraceRays, selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, SelectiveResult, TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
@@ -124,7 +124,9 @@ def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, f
             arguments = options | {"frames": frames, "max_rays": 8, "budget": _BUDGET}
             if options["mask"] == "expected":
                 arguments |= _on_rays(engine, image.astype(np.float32), defocus)
-            return selective_rays(image, depth, normals, trace_rays, lens, config.pixel_pitch, **arguments)
+            return selective_rays(
+                image, depth, normals, trace_rays, lens, config.pixel_pitch, RaySelection(**arguments)
+            )
 
         hybrid(1)
         start = process_time()

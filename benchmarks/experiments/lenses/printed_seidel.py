@@ -95,8 +95,8 @@ def main() -> None:
         corrected, printed = (
             in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False)
         )
-        ours = reduce_lens(lens, wavelengths=[lens.prescription.design_wavelength]).image
-        assert math.isclose(corrected["D"], float(ours.field_curvature[0]), rel_tol=1e-9)
+        result = reduce_lens(lens, wavelengths=[lens.prescription.design_wavelength]).image
+        assert math.isclose(corrected["D"], float(result.field_curvature[0]), rel_tol=1e-9)
         magnification = abs(lens.paraxial.exit.radius / lens.paraxial.entrance.radius)
         cells = [
             f"{focal_length(lens.surfaces):.2f}",

@@ -86,12 +86,12 @@ def main() -> None:
         words = [sys.executable, "-m", "bokehnet", "studio", "--no-browser", scene]
         studio = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
         assert studio.stdout is not None
-        found = re.search(r"http://\S+", studio.stdout.readline())
-        assert found is not None
+        match = re.search(r"http://\S+", studio.stdout.readline())
+        assert match is not None
         with sync_playwright() as driver:
             browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
             page = browser.new_page(viewport={"width": 1280, "height": 800})
-            rows[Path(scene).stem] = _measure_page(page, found[0])
+            rows[Path(scene).stem] = _measure_page(page, match[0])
             if arguments.screenshot is not None and len(rows) == 1:
                 page.wait_for_timeout(8000)
                 page.screenshot(path=str(arguments.screenshot))

@@ -27,8 +27,8 @@ def resolutions() -> dict[str, dict[str, float]]:
     rows = {}
     for resolution in (0.35, 0.5, 0.71, 1.0, 1.41):
         start = process_time()
-        made = encode(gather_spiral(image, defocus, resolution=resolution))
-        seconds, squared = process_time() - start, (made - truth) ** 2
+        encoded = encode(gather_spiral(image, defocus, resolution=resolution))
+        seconds, squared = process_time() - start, (encoded - truth) ** 2
         rows[f"multiplier {resolution:g}"] = {
             "seconds": seconds,
             "sharp": psnr(squared[:, :300]),

@@ -15,7 +15,7 @@ from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, render_views
 from bokehnet.baselines.rays.motion_levels import moving_views
 from bokehnet.baselines.spread.merged_lights import merge_lights, splat_sources
 from bokehnet.lenses import ThinLens
-from bokehnet.lenses.aberrations.point_spread import correlation, psf_radius, traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, correlation, psf_radius, traced_psf
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.lookup.printed_mappings import printed_row
 from bokehnet.lenses.lookup.profile_texture import profile_psf, profile_row, trace_profile_texture
@@ -101,14 +101,14 @@ def merged() -> dict[str, dict[str, float]]:
         picture = splat_sources(sources, _leaves, radius, blur, size)
         quick = process_time() - start
         peak = float(np.quantile(exact, 0.999))
-        truth, made = (encode(each / peak) for each in (exact, picture))
+        truth, result = (encode(each / peak) for each in (exact, picture))
         rows[f"{name}, {count} to {len(sources)}"] = {
             "high": full,
             "low": quick,
             "merge": merging,
             "speed": full / quick,
-            "psnr": psnr((truth - made) ** 2),
-            "ssim": similarity(truth, made)[0],
+            "psnr": psnr((truth - result) ** 2),
+            "ssim": similarity(truth, result)[0],
         }
     return rows
 
@@ -129,20 +129,16 @@ def profiles() -> dict[str, dict[str, float]]:
             pitch = 2.5 * psf_radius(lens, depth, (0.0, 0.0)) / 64
             traced = traced_psf(
                 lens,
+                PsfGrid(wavelengths=wavelengths, colors=colors, pitch=pitch, size=64, rays=6000),
                 depth=depth,
                 field=(0.0, 0.0),
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=pitch,
-                size=64,
-                rays=6000,
             )
-            ours = np.array([profile_row(texture, lens, depth, float(nm)) for nm in wavelengths])
+            result = np.array([profile_row(texture, lens, depth, float(nm)) for nm in wavelengths])
             sharpest = profile_row(texture, lens, focus)
             printed = np.array([printed_row(lens, depth, float(nm), sharpest) for nm in wavelengths])
             rows[f"{name}, {factor:g} of the focus"] = {
                 kind: correlation(traced, profile_psf(texture, plane, colors, pitch, 64))
-                for kind, plane in (("ours", ours), ("printed", printed))
+                for kind, plane in (("ours", result), ("printed", printed))
             }
     return rows
 
@@ -156,12 +152,12 @@ def motion() -> dict[str, dict[str, float]]:
     for name, options in variants.items():
         start = process_time()
         result = moving_views(objects, _LENS, _PICTURE, 32, **options)
-        seconds, made = process_time() - start, encode(result.bokeh)
+        seconds, encoded = process_time() - start, encode(result.bokeh)
         rows[name] = {
             "seconds": seconds,
             "triangles": result.triangles / 1e6,
-            "psnr": psnr((made - truth) ** 2),
-            "ssim": similarity(truth, made)[0],
+            "psnr": psnr((encoded - truth) ** 2),
+            "ssim": similarity(truth, encoded)[0],
         }
     return rows
 

@@ -16,7 +16,7 @@ import torch
 from benchmarks.experiments.theses.bokehlab import report
 from bokehnet.baselines.rays.motion_rays import fill_motion, motion_blur, motion_edges
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, psf_radius, traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, aberration_psf, psf_radius, traced_psf
 from bokehnet.lenses.aberrations.polishing import PolishedSurface, polished_psf
 from bokehnet.lenses.aberrations.psf_pairs import FIELDS, psf_depths
 from bokehnet.lenses.catalog import load_lens
@@ -53,11 +53,11 @@ def clusters() -> dict[str, dict[str, float]]:
     pixels, rays, size = 400, 64, 8
     errors: dict[str, list[float]] = {name: [] for name in ("cluster", "reduced", "random", "importance")}
     for _ in range(pixels):
-        made = stratified_clusters(rays, size, rng)
-        single, uniform = reduced_cluster(made, rng), rng.uniform(400, 700, rays)
+        result = stratified_clusters(rays, size, rng)
+        single, uniform = reduced_cluster(result, rng), rng.uniform(400, 700, rays)
         nm, weights = WavelengthSampling().at((np.arange(rays) + rng.random(rays)) / rays)
         estimates = {
-            "cluster": cluster_colors(made, light(made)).mean(0),
+            "cluster": cluster_colors(result, light(result)).mean(0),
             "reduced": (wavelength_color(single) * light(single)[:, None]).mean(0),
             "random": (wavelength_color(uniform) * light(uniform)[:, None]).mean(0),
         }
@@ -155,13 +155,9 @@ def _traced(name: str) -> tuple[PrescriptionLens, list[tuple[float, float, float
             pitch = 2.5 * max(psf_radius(lens, depth, (field, 0.0)), 1e-3) / _SIZE
             image = traced_psf(
                 lens,
+                PsfGrid(wavelengths=wavelengths, colors=colors, pitch=pitch, size=_SIZE, rays=_RAYS),
                 depth=depth,
                 field=(field, 0.0),
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=pitch,
-                size=_SIZE,
-                rays=_RAYS,
             )
             lights.append((depth, field, pitch, image))
     return lens, lights
@@ -193,13 +189,9 @@ def _scores(name: str, kept: tuple[str, ...]) -> tuple[float, float]:
     for depth, field, pitch, traced in lights:
         image = aberration_psf(
             aberration_map,
+            PsfGrid(wavelengths=wavelengths, colors=colors, pitch=pitch / radius, size=_SIZE, rays=_RAYS),
             defocus=float(lens.coc_radius(1 / depth)) / radius,
             field=(field, 0.0),
-            wavelengths=wavelengths,
-            colors=colors,
-            pitch=pitch / radius,
-            size=_SIZE,
-            rays=_RAYS,
         )
         peak = np.quantile(traced.max(-1), 0.98)
         for cells, each in zip(pictures, (traced, image), strict=True):

@@ -27,20 +27,20 @@ _LENSES, _SIZE, _SAMPLES = ("biconvex", "double_gauss", "petzval"), (320, 240), 
 
 def _ways(case: LensCase) -> dict[str, Callable[[], np.ndarray]]:
     """Return the methods by label; the lens is prepared here, outside the measured time."""
-    given = (case.image, case.defocus)
+    options = (case.image, case.defocus)
     response = LensResponse(aberration_map=fit_aberration_map(case.lens))
     textured = partial(
-        texture_spreading, *given, trace_profile_texture(case.lens), case.lens, case.pixel_pitch
+        texture_spreading, *options, trace_profile_texture(case.lens), case.lens, case.pixel_pitch
     )
     return {
-        "spreading, perfect lens": partial(lens_spreading, *given),
+        "spreading, perfect lens": partial(lens_spreading, *options),
         "profile texture, mapping (5.6) to (5.9)": partial(textured, mapping="printed"),
         "profile texture, our mapping": textured,
         "`profile_spreading`, profiles of the map": partial(
-            profile_spreading, *given, lens_response=response
+            profile_spreading, *options, lens_response=response
         ),
-        "`lens_spreading`, aberration map": partial(lens_spreading, *given, lens_response=response),
-        "`rays`, aberration map": partial(rays, *given, lens_response=response),
+        "`lens_spreading`, aberration map": partial(lens_spreading, *options, lens_response=response),
+        "`rays`, aberration map": partial(rays, *options, lens_response=response),
     }
 
 

@@ -3,7 +3,8 @@
 The files are those of github.com/lykelee/CLDefocus, ``datasyn/psf-demo/zemax`` (MIT): Huygens PSFs of lenses
 from patents, on an image surface 0.2 mm behind the focal plane. The prescriptions are not among them: the
 reader types them from the patent into a lens file, here European patent application EP 3 029 504 A1, example
-4, with the plate of glass at the sensor. Ours are geometric: rays through the glass, a histogram of 2 um.
+4, with the plate of glass at the sensor. Ours are geometric (rays through the glass, a histogram of 2 um) and
+with diffraction, from the traced wavefront.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import numpy as np
 
 from bokehnet.lenses import PrescriptionLens, load_lens
 from bokehnet.lenses.aberrations.point_spread import correlation
+from bokehnet.lenses.aberrations.wavefront import trace_wavefront, wave_psf
 from bokehnet.lenses.surface_trace import beam_between, trace
 
 __all__ = ["angle_of_height", "parallel_psf", "read_zemax"]
@@ -26,8 +28,8 @@ _RAYS, _HALF_WIDTH = 1200, 1.4
 # Iterations of the angle: distortion changes slowly.
 _ITERATIONS = 4
 
-# Sigma of the blur, pixels, under which diffraction rings vanish.
-_RING_SIGMA_PX = 2.0
+# Rays along each side of the wavefront.
+_WAVE_RAYS = 513
 
 
 def read_zemax(path: Path) -> tuple[np.ndarray, float]:
@@ -84,10 +86,11 @@ def _radius(psf: np.ndarray) -> float:
     return 1000 * _PITCH_MM * float(np.sqrt((square * psf).sum()))
 
 
-def _smooth(psf: np.ndarray) -> np.ndarray:
-    frequency = np.fft.fftfreq(psf.shape[0])
-    gain = np.exp(-2 * (np.pi * _RING_SIGMA_PX * frequency) ** 2)
-    return np.fft.ifft2(np.fft.fft2(psf) * gain * gain[:, None]).real
+def _diffraction_psf(lens: PrescriptionLens, height: float, position: float, size: int) -> np.ndarray:
+    """Return the PSF with diffraction at an image height, mm, on the surface at ``position``, mm."""
+    front = trace_wavefront(lens, abs(height) / lens.prescription.image_radius, count=_WAVE_RAYS)
+    offsets = (np.arange(size) - size // 2) * _PITCH_MM
+    return wave_psf(front, offsets, position - lens.sensor_position, count=1024)
 
 
 def main() -> None:
@@ -107,11 +110,12 @@ def main() -> None:
     for path in sorted(arguments.folder.glob(f"{arguments.prefix}__f*.npz")):
         psf, height = read_zemax(path)
         zemax, angle = _centred(psf), angle_of_height(lens, shift, height if abs(height) > _PITCH_MM else 0.0)
-        ours = _centred(parallel_psf(lens, angle, shift, len(zemax))[0])
-        plain, smooth = correlation(zemax, ours), correlation(_smooth(zemax), _smooth(ours))
+        rays = _centred(parallel_psf(lens, angle, shift, len(zemax))[0])
+        waves = _centred(_diffraction_psf(lens, height, last + shift, len(zemax)))
         print(
-            f"{height:8.4f} mm, {angle:5.2f} degrees: correlation {plain:.3f}, without rings {smooth:.3f}, "
-            f"RMS radius {_radius(zemax):.2f} and {_radius(ours):.2f} um",
+            f"{height:8.4f} mm, {angle:5.2f} degrees: correlation of rays {correlation(zemax, rays):.3f}, "
+            f"with diffraction {correlation(zemax, waves):.3f}, "
+            f"RMS radius {_radius(zemax):.2f}, {_radius(rays):.2f} and {_radius(waves):.2f} um",
             flush=True,
         )
 

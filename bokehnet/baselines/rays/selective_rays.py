@@ -33,7 +33,15 @@ from bokehnet.lenses.base import LensModel
 from bokehnet.optics.pixels.sample_allocation import Allocation
 from bokehnet.optics.sampling import disc_from_square
 
-__all__ = ["RULES", "SelectiveResult", "TraceRays", "checked_trace", "lens_rays", "selective_rays"]
+__all__ = [
+    "RULES",
+    "RaySelection",
+    "SelectiveResult",
+    "TraceRays",
+    "checked_trace",
+    "lens_rays",
+    "selective_rays",
+]
 
 # Function of origins and directions (N, 3), mm; returns scene-linear colours (N, 3), depths (N,), mm, and the
 # mask of hits (N,).
@@ -176,35 +184,11 @@ class _Moments:
         return far + (near - far) * ratio[:, None], ratio
 
 
-def selective_rays(
-    image: np.ndarray,
-    depth: np.ndarray,
-    normals: np.ndarray,
-    trace_rays: TraceRays,
-    lens: LensModel,
-    pixel_pitch: float,
-    *,
-    mask: str | np.ndarray = "sobel",
-    rule: str = "tan",
-    by_tile: bool = False,
-    max_rays: int = 5,
-    frames: int = 8,
-    budget: float | None = None,
-    post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-    specular: np.ndarray | None = None,
-    allocation: Allocation | None = None,
-    history: History | None = None,
-    seed: int = 0,
-) -> SelectiveResult:
-    """Render by post-process, and by rays where it can be wrong.
+@dataclass(frozen=True, kw_only=True)
+class RaySelection:
+    """Parameters of the hybrid: pixels that send rays, number of rays, and composition.
 
-    Args:
-        image: All-in-focus picture, scene-linear, (H, W, 3).
-        depth: Depth of the pixels along the axis, mm, (H, W), finite.
-        normals: Unit normals, (H, W, 3).
-        trace_rays: Function that traces rays into the scene.
-        lens: Ideal, focused lens.
-        pixel_pitch: Pixel pitch, mm.
+    Attributes:
         mask: Selection of the pixels that send rays: ``sobel``, ``sobel-depth`` or ``reach``, see
             :mod:`bokehnet.baselines.rays.ray_mask`; or the fraction of ``max_rays`` of each pixel, (H, W), 0
             to 1.
@@ -226,42 +210,76 @@ def selective_rays(
         seed: Seed of the rays.
 
     Raises:
-        ParameterError: A choice or number is invalid, or ``trace_rays`` fails.
+        ParameterError: A choice or number is invalid.
+
+    Examples:
+        >>> RaySelection(mask="reach", rule="ours").max_rays
+        5
+    """
+
+    mask: str | np.ndarray = "sobel"
+    rule: str = "tan"
+    by_tile: bool = False
+    max_rays: int = 5
+    frames: int = 8
+    budget: float | None = None
+    post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    specular: np.ndarray | None = None
+    allocation: Allocation | None = None
+    history: History | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice("rule", self.rule, RULES)
+        check_whole("max_rays", self.max_rays, 1)
+        check_whole("frames", self.frames, 1)
+        if self.budget is not None:
+            check_above("budget", self.budget, 0)
+
+
+def selective_rays(
+    image: np.ndarray,
+    depth: np.ndarray,
+    normals: np.ndarray,
+    trace_rays: TraceRays,
+    lens: LensModel,
+    pixel_pitch: float,
+    selection: RaySelection | None = None,
+) -> SelectiveResult:
+    """Render by post-process, and by rays where it can be wrong.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        depth: Depth of the pixels along the axis, mm, (H, W), finite.
+        normals: Unit normals, (H, W, 3).
+        trace_rays: Function that traces rays into the scene.
+        lens: Ideal, focused lens.
+        pixel_pitch: Pixel pitch, mm.
+        selection: Pixels that send rays, and what becomes of them; default: as published.
+
+    Raises:
+        ParameterError: The mask is invalid, or ``trace_rays`` fails.
         ShapeError: The sizes differ.
     """
-    check_choice("rule", rule, RULES)
-    check_whole("max_rays", max_rays, 1)
-    check_whole("frames", frames, 1)
-    if budget is not None:
-        check_above("budget", budget, 0)
+    selection = selection or RaySelection()
+    rule = selection.rule
     for name, array in (("depth", depth), ("normals", normals)):
         check_same_size("image", image, name, array)
     defocus = np.asarray(lens.coc_radius(1 / np.asarray(depth, np.float64)) / pixel_pitch, np.float32)
     size = defocus.shape
-    blur = post_process or partial(tan, by_tile=by_tile)
+    blur = selection.post_process or partial(tan, by_tile=selection.by_tile)
     post = blur(np.asarray(image, np.float32), defocus)
-    ray_fraction = ray_mask(mask, normals, depth, defocus).ravel()
-    if by_tile:
+    ray_fraction = ray_mask(selection.mask, normals, depth, defocus).ravel()
+    if selection.by_tile:
         ray_fraction = ray_fraction * in_mixed_tiles(defocus).ravel()
     focus = float(1 / _disparity_in_focus(lens))
-    moments, rng = _Moments(defocus.size), np.random.default_rng(seed)
-    if history is not None:
-        check_same_size("image", image, "history", history.depth)
-        moments.start_from(history)
+    moments, rng = _Moments(defocus.size), np.random.default_rng(selection.seed)
+    if selection.history is not None:
+        check_same_size("image", image, "history", selection.history.depth)
+        moments.start_from(selection.history)
     sent_before = moments.rays
-    for frame in range(frames):
-        fraction = _fraction_of_rays(moments, ray_fraction, post.reshape(-1, 3), size, rule, frame)
-        counts = np.round(fraction * max_rays)
-        if allocation is not None and rule == "ours" and frame:
-            limit = counts.sum()
-            if budget is not None:  # unused rays of earlier frames carry over
-                limit = (budget * (frame + 1) / frames) * defocus.size - (moments.rays - sent_before).sum()
-            visible_variance = _visible_variance(moments, post.reshape(-1, 3), size) * (ray_fraction > 0)
-            counts = _capped(allocation, visible_variance, moments.rays, int(limit), max_rays)
-        elif budget is not None and counts.mean() > budget / frames:
-            counts = np.floor(
-                fraction * max_rays * (budget / frames / counts.mean()) + rng.random(defocus.size)
-            )
+    for frame in range(selection.frames):
+        counts = _ray_counts(selection, moments, ray_fraction, post, sent_before, frame, rng)
         pixels = np.repeat(np.arange(defocus.size), counts.astype(np.int64))
         if len(pixels):
             origins, directions = lens_rays(lens, size, pixel_pitch, pixels, rng)
@@ -279,9 +297,9 @@ def selective_rays(
             ray_weight = _published_ray_weight(sent, ratio, defocus.ravel())
         else:
             light, ray_weight = merged, _expected_error(moments, flat, size)[1]
-        if specular is not None:
-            check_same_size("image", image, "specular", specular)
-            ray_weight = np.where(np.ravel(specular), 0.0, ray_weight)
+        if selection.specular is not None:
+            check_same_size("image", image, "specular", selection.specular)
+            ray_weight = np.where(np.ravel(selection.specular), 0.0, ray_weight)
         result = flat + ray_weight[:, None] * (light - flat)
         sharp = (np.abs(defocus).ravel() <= _IN_FOCUS_RADIUS_PX) & ((rule == "tan") | (sent == 0))
         result = np.where(sharp[:, None], np.reshape(image, (-1, 3)), result)
@@ -299,6 +317,31 @@ def selective_rays(
             depth=np.asarray(depth, np.float64),
         ),
     )
+
+
+def _ray_counts(
+    selection: RaySelection,
+    moments: _Moments,
+    ray_fraction: np.ndarray,
+    post: np.ndarray,
+    sent_before: np.ndarray,
+    frame: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return the number of rays of each pixel in a frame, (H * W,)."""
+    budget, frames, max_rays = selection.budget, selection.frames, selection.max_rays
+    size, flat = post.shape[:2], post.reshape(-1, 3)
+    fraction = _fraction_of_rays(moments, ray_fraction, flat, size, selection.rule, frame)
+    counts: np.ndarray = np.round(fraction * max_rays)
+    if selection.allocation is not None and selection.rule == "ours" and frame:
+        limit = counts.sum()
+        if budget is not None:  # unused rays of earlier frames carry over
+            limit = (budget * (frame + 1) / frames) * len(flat) - (moments.rays - sent_before).sum()
+        visible_variance = _visible_variance(moments, flat, size) * (ray_fraction > 0)
+        return _capped(selection.allocation, visible_variance, moments.rays, int(limit), max_rays)
+    if budget is not None and counts.mean() > budget / frames:
+        counts = np.floor(fraction * max_rays * (budget / frames / counts.mean()) + rng.random(len(flat)))
+    return counts
 
 
 def _by_fields(

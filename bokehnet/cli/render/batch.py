@@ -55,14 +55,14 @@ def render_batch(
             raise ParameterError(
                 f"input.{name}", expected="a file, a folder or a glob", shown=f"none at {path}"
             )
-    found = {name: _files(str(path), _MAP_EXTENSIONS, f"input.{name}") for name, path in others.items()}
+    files_of = {name: _files(str(path), _MAP_EXTENSIONS, f"input.{name}") for name, path in others.items()}
     output.mkdir(parents=True, exist_ok=True)
     jobs: dict[int, FrameJob] = {}
     failed: dict[int, str] = {}
     for number, picture in enumerate(pictures):
         try:
             matched: dict[str, Any] = {}
-            for name, files in found.items():
+            for name, files in files_of.items():
                 matched[name] = _matching(picture, files, others[name])
             own = replace(settings, input=replace(settings.input, **matched))
             job = FrameJob(image=picture, output=_target(picture, pictures, output), settings=own)

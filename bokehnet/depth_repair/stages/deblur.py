@@ -22,11 +22,18 @@ from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
-from bokehnet.depth_repair.filters import weighted_median
+from bokehnet.depth_repair.filters import local_extremes, weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
-__all__ = ["BlurEstimate", "blur_map", "estimate_blur", "restore_blurred_detail", "snap_soft_edges"]
+__all__ = [
+    "BlurEstimate",
+    "blur_map",
+    "estimate_blur",
+    "fit_surface_values",
+    "restore_blurred_detail",
+    "snap_soft_edges",
+]
 
 # Candidates for the standard deviation of the blur, pixels; the smallest one means that the map is not soft.
 _SIGMAS_PX = tuple(1.25**i for i in range(1, 9))
@@ -48,6 +55,15 @@ _MIN_RESIDUAL = 0.05
 
 # Number of van Cittert iterations.
 _ITERATIONS = 2
+
+# Fit of the values of surfaces: iterations; half width of the window and dilation of the soft pixels whose
+# values are fitted, pixels; maximum difference of the values of one surface, in heights of the lowest depth
+# edge.
+_FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE = 12, 2, 0.5
+
+# Maximum ratio of the squared residuals after and before a fit that takes edges for exact: 0.001 to 0.018 in
+# blurred maps, 0.03 to 0.19 in coarse ones. Uncertainty of the position of edges otherwise, pixels.
+_MAX_FIT_RESIDUAL, _FIT_POSITION_PX = 0.02, 1
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
@@ -272,6 +288,68 @@ def restore_blurred_detail(
             _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)
     return result
+
+
+@njit(cache=True, parallel=True)
+def _add_mean_residuals(residual, disparity, mask, radius, tolerance, result):  # type: ignore[no-untyped-def]
+    """Fill ``result`` with the map plus the mean residual of the same surface in the window of a pixel."""
+    height, width = disparity.shape
+    for y in prange(height):
+        for x in range(width):
+            value, total, count = disparity[y, x], 0.0, 0
+            if mask[y, x]:
+                for v in range(max(0, y - radius), min(height, y + radius + 1)):
+                    for u in range(max(0, x - radius), min(width, x + radius + 1)):
+                        if abs(disparity[v, u] - value) < tolerance:
+                            total += residual[v, u]
+                            count += 1
+            result[y, x] = value + total / max(count, 1)
+
+
+def fit_surface_values(
+    original: np.ndarray, repaired: np.ndarray, soft: np.ndarray, sigma: float
+) -> np.ndarray:
+    """Return a repaired map whose surfaces near edges have values that reproduce the input.
+
+    Blur pulls the values of thin structures towards their background. Edges stay where they are: the mean
+    residual of a surface, which blurring the map leaves, is added to it (van Cittert iteration on surfaces).
+    If large residuals remain, the edges are off by some fraction of a pixel. A blurred value then has no
+    residual if the input has it within one pixel.
+
+    Args:
+        original: Input map, (H, W), float32.
+        repaired: Map with sharp edges, (H, W), float32.
+        soft: Pixels at soft edges of the input, (H, W), bool.
+        sigma: Standard deviation of the blur from :func:`estimate_blur`, pixels.
+
+    Returns:
+        Map, (H, W), float32, within the range of the input.
+    """
+    mask = local_extremes(soft, _FIT_RADIUS_PX)[1]
+
+    def squared_residual(values: np.ndarray) -> float:
+        return float(np.square((original - blur_map(values, sigma))[mask]).sum())
+
+    exact = _fit_values(original, repaired, mask, sigma, 0)
+    if squared_residual(exact) <= _MAX_FIT_RESIDUAL * squared_residual(repaired):
+        return exact
+    return _fit_values(original, repaired, mask, sigma, _FIT_POSITION_PX)
+
+
+def _fit_values(
+    original: np.ndarray, repaired: np.ndarray, mask: np.ndarray, sigma: float, position_px: int
+) -> np.ndarray:
+    """Return a map (H, W) with fitted values in a mask; edges are uncertain by ``position_px``."""
+    low, high = local_extremes(original, position_px)
+    lowest, highest = float(original.min()), float(original.max())
+    tolerance = _FIT_TOLERANCE * MIN_EDGE_HEIGHT * (highest - lowest)
+    for _ in range(_FIT_ITERATIONS):
+        blurred, result = blur_map(repaired, sigma), np.empty_like(repaired)
+        residual = np.clip(blurred, low, high) - blurred
+        with parallel_region:
+            _add_mean_residuals(residual, repaired, mask, _FIT_RADIUS_PX, tolerance, result)
+        repaired = np.clip(result, lowest, highest)
+    return repaired
 
 
 def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:

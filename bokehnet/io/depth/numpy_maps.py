@@ -45,8 +45,8 @@ def _read_archive(path: Path, file: IO[bytes], channel: str | None) -> NDArray[A
         name = channel if channel is not None else _choose(names)
         if name is None or name not in names:
             shown = ", ".join(names) or "nothing"
-            wanted = "one array" if channel is None else f"the array {channel!r}"
-            raise ImageFileError(f"{path}: expected {wanted}, found {shown}; name one as `input.channel`")
+            expected = "one array" if channel is None else f"the array {channel!r}"
+            raise ImageFileError(f"{path}: expected {expected}, found {shown}; name one as `input.channel`")
         info = archive.infolist()[names.index(name)]
         with archive.open(info) as member:
             return _read_array(path, member, info.file_size)

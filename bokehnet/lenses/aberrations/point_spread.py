@@ -5,6 +5,7 @@ down.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from bokehnet.lenses.stop_rays import chief_rays
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.sampling import disc_from_square, halton
 
-__all__ = ["aberration_psf", "correlation", "psf_radius", "traced_psf"]
+__all__ = ["PsfGrid", "aberration_psf", "correlation", "psf_radius", "traced_psf"]
 
 # Half-side of the searched square in the entrance pupil, pupil radii, and number of rays along it.
 _SEARCH_RADII, _COARSE = 3.0, 96
@@ -29,85 +30,103 @@ _STOP_TOLERANCE, _LOST = 1e-3, 1e5
 _STEP = 1e-4
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PsfGrid:
+    """Square cells around a point and its wavelengths, which sample a point spread function.
+
+    Attributes:
+        pitch: Distance between two cells, in the unit of the function.
+        size: Number of cells along each side; the position of the point is the centre.
+        wavelengths: Wavelengths, nm, (L,).
+        colors: Weight of each wavelength in the channels, (L, C).
+        rays: Number of rays per wavelength, including clipped ones.
+
+    Raises:
+        ParameterError: A number is out of range.
+        ShapeError: Wavelengths and colours have different lengths.
+
+    Examples:
+        >>> PsfGrid(pitch=0.01, size=32, wavelengths=np.array([550.0]), colors=np.ones((1, 3))).rays
+        40000
+    """
+
+    pitch: float
+    size: int
+    wavelengths: np.ndarray
+    colors: np.ndarray
+    rays: int = 40_000
+
+    def __post_init__(self) -> None:
+        check_above("pitch", self.pitch, 0)
+        check_at_least("size", self.size, 1)
+        check_at_least("rays", self.rays, 1)
+        colors, count = self.colors, len(self.wavelengths)
+        if np.ndim(colors) != 2 or len(colors) != count or count == 0:
+            raise ShapeError(
+                f"colors: expected a row for each of {count} wavelengths, got shape {np.shape(colors)}"
+            )
+
+    def sequence(self, number: int) -> np.ndarray:
+        """Return the sample points of a wavelength in the unit square, (rays, 2)."""
+        start = 1 + number * self.rays
+        return np.stack([halton(self.rays, 2, start), halton(self.rays, 3, start)], -1)
+
+
 def traced_psf(
     lens: PrescriptionLens,
+    grid: PsfGrid,
     *,
     depth: float,
     field: tuple[float, float],
-    wavelengths: np.ndarray,
-    colors: np.ndarray,
-    pitch: float,
-    size: int,
     half_diagonal: float | None = None,
-    rays: int = 40_000,
 ) -> np.ndarray:
     """Return the image of a point on the sensor, traced through the lens.
 
     Args:
         lens: Lens to trace.
+        grid: Cells, their pitch in mm, and wavelengths.
         depth: Depth of the point, mm from the entrance pupil.
         field: Position h of the point in the picture of the lens stopped far down, corner at 1, right and
             down.
-        wavelengths: Wavelengths, nm, (L,).
-        colors: Weight of each wavelength in the channels, (L, C).
-        pitch: Distance between two cells, mm.
-        size: Number of cells along each side; the position of the point is the centre.
         half_diagonal: Half-diagonal of the picture, mm; None is the image radius of the lens.
-        rays: Number of rays per wavelength, including clipped ones.
 
     Returns:
         Light in each cell, (size, size, C); the sum over all channels is ``C``, less the light outside.
 
     Raises:
         LensError: No light passes the lens.
-        ParameterError: A number is out of range.
-        ShapeError: Wavelengths and colours have different lengths.
     """
     radius = lens.prescription.image_radius if half_diagonal is None else half_diagonal
     middle = radius * np.asarray(field, float)
     origin, slope = _scene_ray(lens, middle)
     point = origin + depth * slope
     low, high = _pupil_bounds(lens, point, depth)
-    _check(size, rays, wavelengths, colors)
-    check_above("pitch", pitch, 0, "mm")
-    collected = _Cells(size, colors)
-    for number, wavelength in enumerate(wavelengths):
-        start = 1 + number * rays
-        pupil = low + (high - low) * np.stack([halton(rays, 2, start), halton(rays, 3, start)], -1)
+    collected = _Cells(grid.size, grid.colors)
+    for number, wavelength in enumerate(grid.wavelengths):
+        pupil = low + (high - low) * grid.sequence(number)
         slopes = (point - pupil) / depth
         arrival, passes = lens.trace_to_sensor(Rays(origin=pupil, slope=slopes), float(wavelength))
         # A small patch that faces the lens sends cos^4 into equal areas of the plane of the pupil.
         light = passes / (1 + (slopes**2).sum(-1)) ** 2
-        collected.add((-arrival - middle) / pitch, light, number)
+        collected.add((-arrival - middle) / grid.pitch, light, number)
     return collected.normalised()
 
 
 def aberration_psf(
-    aberration_map: AberrationMap,
-    *,
-    defocus: float,
-    field: tuple[float, float],
-    wavelengths: np.ndarray,
-    colors: np.ndarray,
-    pitch: float,
-    size: int,
-    rays: int = 40_000,
+    aberration_map: AberrationMap, grid: PsfGrid, *, defocus: float, field: tuple[float, float]
 ) -> np.ndarray:
     """Return the image of a point by the rays of an aberration map, uniform over the pupil.
 
-    Lengths are in half-diagonals of the picture: ``defocus`` (signed, + in front of focus) and ``pitch``.
+    Lengths are in half-diagonals of the picture: ``defocus`` (signed, + in front of focus) and the pitch.
     Other arguments, result and errors are those of :func:`traced_psf`. The light of the aperture coordinate
     a arrives at the p with ``p = q + defocus A(a, p) + E(a, p)``, solved by fixed-point iteration; it is
     weighted by the convergence of the pencils of neighbouring pixels.
     """
-    _check(size, rays, wavelengths, colors)
-    check_above("pitch", pitch, 0, "half-diagonals")
     check_number("defocus", defocus)
     place = np.asarray(field, float)
-    collected = _Cells(size, colors)
-    for number, wavelength in enumerate(wavelengths):
-        start = 1 + number * rays
-        pupil = disc_from_square(np.stack([halton(rays, 2, start), halton(rays, 3, start)], -1))
+    collected = _Cells(grid.size, grid.colors)
+    for number, wavelength in enumerate(grid.wavelengths):
+        pupil = disc_from_square(grid.sequence(number))
 
         def displacement(
             at: np.ndarray, pupil: np.ndarray = pupil, nm: float = float(wavelength)
@@ -119,7 +138,7 @@ def aberration_psf(
         for _ in range(_ITERATIONS):
             at = place + displacement(at)
         light = aberration_map(pupil, at, float(wavelength))[2] / _area_ratio(displacement, at)
-        collected.add((at - place) / pitch, light, number)
+        collected.add((at - place) / grid.pitch, light, number)
     return collected.normalised()
 
 
@@ -177,15 +196,6 @@ def _pupil_bounds(lens: PrescriptionLens, point: np.ndarray, depth: float) -> tu
         )
     margin = 2 * _SEARCH_RADII * lens.thick.pupil_radius * (steps[1] - steps[0]) / 2
     return pupil[passes].min(axis=0) - margin, pupil[passes].max(axis=0) + margin
-
-
-def _check(size: int, rays: int, wavelengths: np.ndarray, colors: np.ndarray) -> None:
-    check_at_least("size", size, 1)
-    check_at_least("rays", rays, 1)
-    if np.ndim(colors) != 2 or len(colors) != len(wavelengths) or len(wavelengths) == 0:
-        raise ShapeError(
-            f"colors: expected a row for each of {len(wavelengths)} wavelengths, got shape {np.shape(colors)}"
-        )
 
 
 class _Cells:

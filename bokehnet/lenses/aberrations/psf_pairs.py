@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, psf_radius, traced_psf
+from bokehnet.lenses.aberrations.point_spread import (
+    PsfGrid,
+    aberration_psf,
+    correlation,
+    psf_radius,
+    traced_psf,
+)
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
@@ -94,23 +100,21 @@ def psf_pairs(
             width = 2 / _FILL * psf_radius(lens, depth, field)
             traced = traced_psf(
                 lens,
+                PsfGrid(wavelengths=wavelengths, colors=colors, pitch=width / _SIZE, size=_SIZE, rays=rays),
                 depth=depth,
                 field=field,
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=width / _SIZE,
-                size=_SIZE,
-                rays=rays,
             )
             reduced = aberration_psf(
                 aberration_map,
+                PsfGrid(
+                    wavelengths=wavelengths,
+                    colors=colors,
+                    pitch=width / _SIZE / half_diagonal,
+                    size=_SIZE,
+                    rays=rays,
+                ),
                 defocus=blur_radius,
                 field=field,
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=width / _SIZE / half_diagonal,
-                size=_SIZE,
-                rays=rays,
             )
             yield PsfPair(
                 depth=depth,

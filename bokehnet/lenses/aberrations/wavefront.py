@@ -14,11 +14,16 @@ from bokehnet.lenses.stop_rays import chief_rays
 from bokehnet.lenses.surface_trace import beam_between, trace
 from bokehnet.optics.aberrations.zernike import zernike
 
-__all__ = ["Wavefront", "trace_wavefront", "wave_mtf", "zernike_fit"]
+__all__ = ["Wavefront", "trace_wavefront", "wave_mtf", "wave_psf", "zernike_fit"]
 
 # Half-side of the grid, radii of the entrance pupil; real pupils are wider than paraxial ones.
 _HALF_WIDTH = 1.25
 _NEWTON_ITERATIONS = 3
+
+# Iterations with the slope of the whole pupil, which is steeper or flatter at its edge, and the largest
+# accepted difference of a direction cosine.
+_PUPIL_ITERATIONS = 8
+_COSINE_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -176,11 +181,7 @@ def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.
         Hopkins, "The frequency response of a defocused optical system", 1955: the pupil function over itself,
         shifted by wavelength times frequency in cosines of the directions at the sensor.
     """
-    step = float(front.pupil[1, 0, 0] - front.pupil[0, 0, 0])
-    fields = np.concatenate(
-        [front.cosines, front.waves[..., None], front.passes[..., None].astype(float)], -1
-    )
-    fields[~np.isfinite(fields)] = 0.0
+    fields, step = _fields(front)
     # Rows d(cosines)/d(pupil): (N, N, cosine, axis).
     slopes = np.stack(np.gradient(front.cosines, step, axis=(0, 1)), -1)
     area = np.abs(np.linalg.det(slopes))
@@ -193,16 +194,73 @@ def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.
             shift = np.zeros(2)
             shift[axis] = 1e-6 * front.wavelength * frequency
             target = front.cosines + shift
-            shifted_pupil = front.pupil
-            for _ in range(_NEWTON_ITERATIONS):
-                residual = target - _between(fields[..., :2], shifted_pupil, step)
-                shifted_pupil = shifted_pupil + np.einsum("...ij,...j->...i", inverse, residual)
-            values = _between(fields, shifted_pupil, step)
+            values = _at_cosines(fields, step, target, front.pupil, inverse, _NEWTON_ITERATIONS)
             both = weight * (values[..., 3] > 0.5)
             phase = 2 * np.pi * (values[..., 2] - front.waves)
             curve.append(abs((both * np.exp(1j * phase)).sum()) / weight.sum())
         curves.append(np.array(curve))
     return curves[0], curves[1]
+
+
+def wave_psf(front: Wavefront, offsets: np.ndarray, defocus: float = 0.0, count: int = 512) -> np.ndarray:
+    """Return the diffraction PSF on a square of the sensor, its sum 1.
+
+    Args:
+        front: Wavefront.
+        offsets: Distances from the image of the chief ray along both axes, mm, (M,); right and down.
+        defocus: Distance of the image surface behind the sensor, mm.
+        count: Number of direction cosines along each axis. The wavelength, mm, over their spacing is the
+            period of the result, which must be wider than PSF and offsets.
+
+    Returns:
+        PSF (M, M); the first axis is along the field.
+
+    Source:
+        Goodman, "Introduction to Fourier optics", 3rd edition 2005, 3.10 and 6.1: plane waves with the
+        directions of the rays, of equal amplitude per direction cosine, as in :func:`wave_mtf`.
+    """
+    passing = front.cosines[front.passes]
+    low, high = passing.min(0), passing.max(0)
+    axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    target = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    columns = np.concatenate([passing, np.ones((len(passing), 1))], -1)
+    affine = np.linalg.lstsq(columns, front.pupil[front.passes], rcond=None)[0]
+    fields, step = _fields(front)
+    start = target @ affine[:2] + affine[2]
+    values = _at_cosines(fields, step, target, start, affine[:2].T, _PUPIL_ITERATIONS)
+    reached = np.abs(target - values[..., :2]).max(-1) < _COSINE_TOLERANCE
+    amplitude = reached & (values[..., 3] > 0.5)
+    length = 1e-6 * front.wavelength
+    along_axis = np.sqrt(np.maximum(1 - (target**2).sum(-1), 0))
+    pupil_function = amplitude * np.exp(2j * np.pi * (values[..., 2] - defocus * along_axis / length))
+    first, second = (np.exp(2j * np.pi * np.outer(offsets, axis) / length) for axis in axes)
+    intensity = np.abs(first @ pupil_function @ second.T) ** 2
+    return np.asarray(intensity / intensity.sum())
+
+
+def _fields(front: Wavefront) -> tuple[np.ndarray, float]:
+    """Return cosines, waves and passing rays as channels (N, N, 4), and the step of the pupil."""
+    step = float(front.pupil[1, 0, 0] - front.pupil[0, 0, 0])
+    fields = np.concatenate(
+        [front.cosines, front.waves[..., None], front.passes[..., None].astype(float)], -1
+    )
+    fields[~np.isfinite(fields)] = 0.0
+    return fields, step
+
+
+def _at_cosines(
+    fields: np.ndarray,
+    step: float,
+    target: np.ndarray,
+    pupil: np.ndarray,
+    inverse: np.ndarray,
+    iterations: int,
+) -> np.ndarray:
+    """Return channels (..., 4) of the rays with given direction cosines, by Newton's method in the pupil."""
+    for _ in range(iterations):
+        residual = target - _between(fields[..., :2], pupil, step)
+        pupil = pupil + np.einsum("...ij,...j->...i", inverse, residual)
+    return _between(fields, pupil, step)
 
 
 def _between(values: np.ndarray, pupil: np.ndarray, step: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, aberration_psf, correlation
 from bokehnet.lenses.aberrations.psf_pairs import FIELDS, psf_pairs
 from bokehnet.lenses.lookup.profile_texture import (
     ProfileTexture,
@@ -79,13 +79,9 @@ def compare_profiles(
             begin = time.process_time()
             aberration_psf(
                 aberration_map,
+                PsfGrid(wavelengths=wavelengths, colors=colors, pitch=pitch / half, size=_SIZE, rays=rays),
                 defocus=pair.blur_radius,
                 field=(0.0, 0.0),
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=pitch / half,
-                size=_SIZE,
-                rays=rays,
             )
             seconds[0].append(time.process_time() - begin)
         errors[pair.field].append((1 - pair.correlation, 1 - correlation(pair.traced, blurred)))

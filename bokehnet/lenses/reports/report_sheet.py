@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bokehnet.checks import require_extra
-from bokehnet.lenses.aberrations.point_spread import traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, traced_psf
 from bokehnet.lenses.aberrations.relative_illumination import relative_illumination
 from bokehnet.lenses.aberrations.wavefront import Wavefront, trace_wavefront, wave_mtf, zernike_fit
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -410,13 +410,15 @@ def _draw_bokeh(part: Any, lens: PrescriptionLens) -> None:
                 continue
             image = traced_psf(
                 lens,
+                PsfGrid(
+                    wavelengths=wavelengths,
+                    colors=colors,
+                    pitch=max(2.8 * abs(blur), 2.5) / 100 * half / _CELLS,
+                    size=_CELLS,
+                    rays=8000,
+                ),
                 depth=depth,
                 field=(field, 0.0),
-                wavelengths=wavelengths,
-                colors=colors,
-                pitch=max(2.8 * abs(blur), 2.5) / 100 * half / _CELLS,
-                size=_CELLS,
-                rays=8_000,
             )
             bright = np.quantile(image[image > 0], 0.9) if (image > 0).any() else 1.0
             axes.imshow(np.clip(image / bright * 0.7, 0, 1) ** (1 / 2.2))

@@ -82,8 +82,8 @@ class View:
         x, y = x / self.width, y / self.height
         self.prior = np.exp(-(((x - 0.5) / 0.24) ** 2) / 2 - ((y - 0.52) / 0.3) ** 2 / 2)
         for third in (1 / 3, 2 / 3):
-            beside = np.exp(-(((x - third) / 0.13) ** 2) / 2 - ((y - 0.55) / 0.3) ** 2 / 2)
-            self.prior = np.maximum(self.prior, 0.9 * beside)
+            third_weight = np.exp(-(((x - third) / 0.13) ** 2) / 2 - ((y - 0.55) / 0.3) ** 2 / 2)
+            self.prior = np.maximum(self.prior, 0.9 * third_weight)
         self.rank = np.searchsorted(np.sort(self.values, None), self.values) / self.values.size
         self.ground = ground_of(self.values, search)
 

@@ -17,11 +17,11 @@ def blurred(image):
     return rays(image, np.full(image.shape[:2], -RADIUS, np.float32))
 
 
-@pytest.mark.parametrize(("above", "below", "beside"), [(0, 0, 0), (3, 0, 2), (70, 90, 100)])
-def test_soft_pictures_repeat_their_border(above, below, beside):
+@pytest.mark.parametrize(("above", "below", "sides"), [(0, 0, 0), (3, 0, 2), (70, 90, 100)])
+def test_soft_pictures_repeat_their_border(above, below, sides):
     """Authority: NumPy's edge padding."""
-    padding = ((above, below), (beside, beside), (0, 0))
-    assert_allclose(beyond_border(SOFT, above, below, beside), np.pad(SOFT, padding, "edge"), atol=1e-6)
+    padding = ((above, below), (sides, sides), (0, 0))
+    assert_allclose(beyond_border(SOFT, above, below, sides), np.pad(SOFT, padding, "edge"), atol=1e-6)
 
 
 def test_a_line_along_a_side_is_mirrored_once():

@@ -10,9 +10,9 @@ from bokehnet.arrays.pyramid import count_halvings, crop_to, downsample2, pad_to
 @pytest.mark.parametrize("shape", [(1, 3, 8, 6), (2, 1, 2, 10), (1, 1, 1, 1)])
 def test_upsampling_equals_torch_interpolate(shape):
     x = torch.rand(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    wanted = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
-    assert_allclose(upsample2(x).numpy(), wanted.numpy(), atol=1e-12)
-    assert_allclose(upsample2(x.numpy()), wanted.numpy(), atol=1e-12)
+    expected = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+    assert_allclose(upsample2(x).numpy(), expected.numpy(), atol=1e-12)
+    assert_allclose(upsample2(x.numpy()), expected.numpy(), atol=1e-12)
 
 
 def test_downsampling_equals_torch_average_pooling():

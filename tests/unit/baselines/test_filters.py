@@ -35,34 +35,34 @@ def test_one_step_of_diffusion_solves_the_implicit_equation():
     rng = np.random.default_rng(0)
     conductivity = rng.random((3, 17)) * 9
     values = rng.random((3, 17, 2))
-    found = values.copy()
-    diffuse_rows(found, conductivity)
+    result = values.copy()
+    diffuse_rows(result, conductivity)
     for y in range(3):
         between = np.minimum(conductivity[y, :-1], conductivity[y, 1:])
         slope = np.diff(np.eye(17), axis=0)
         system = np.eye(17) + slope.T @ np.diag(between) @ slope
-        assert np.allclose(found[y], np.linalg.solve(system, values[y]), atol=1e-12)
-    assert np.allclose(found.sum(axis=1), values.sum(axis=1))
+        assert np.allclose(result[y], np.linalg.solve(system, values[y]), atol=1e-12)
+    assert np.allclose(result.sum(axis=1), values.sum(axis=1))
 
 
 def test_diffusion_of_one_defocus_tends_to_the_gaussian_of_the_discs_variance():
     radius, size = 16.0, 129
     at = np.arange(size) - size // 2
     bell = np.exp(-2 * (at / radius) ** 2)  # variance radius^2 / 4
-    wanted = np.outer(bell, bell) / bell.sum() ** 2
+    expected = np.outer(bell, bell) / bell.sum() ** 2
     errors = []
     for steps in (4, 16, 64):
-        found = diffusion(spot(size), np.full((size, size), radius), steps=steps)[..., 0]
-        errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
-        assert (found * at[:, None] ** 2).sum() == pytest.approx(radius**2 / 4, rel=0.01)
+        result = diffusion(spot(size), np.full((size, size), radius), steps=steps)[..., 0]
+        errors.append(np.linalg.norm(result - expected) / np.linalg.norm(expected))
+        assert (result * at[:, None] ** 2).sum() == pytest.approx(radius**2 / 4, rel=0.01)
     assert errors[2] < 0.01
     assert errors[0] > 3 * errors[1] > 9 * errors[2]  # of first order in the step
 
 
 def test_heat_stops_dead_at_what_is_sharp():
     image, defocus = scene()
-    found = diffusion(image, defocus)
-    assert np.array_equal(found[:, 20:], image[:, 20:])
+    result = diffusion(image, defocus)
+    assert np.array_equal(result[:, 20:], image[:, 20:])
 
 
 def test_overlap_filter_is_its_equation_column_by_column_then_row_by_row():
@@ -84,8 +84,8 @@ def test_overlap_filter_is_its_equation_column_by_column_then_row_by_row():
         return result
 
     upright = one_pass(image.astype(float), defocus)
-    wanted = one_pass(upright.transpose(1, 0, 2), defocus.T).transpose(1, 0, 2)
-    assert np.abs(overlap(image, defocus) - wanted).max() < 1e-5
+    expected = one_pass(upright.transpose(1, 0, 2), defocus.T).transpose(1, 0, 2)
+    assert np.abs(overlap(image, defocus) - expected).max() < 1e-5
 
 
 def test_overlap_share_is_equation_3_18():
@@ -109,9 +109,9 @@ def test_low_rank_at_full_rank_spreads_the_image_of_the_opening():
                     row, column = y + v - half, x + u - half
                     if 0 <= row < len(sums) and 0 <= column < sums.shape[1]:
                         sums[row, column] += share * table[v, u] * np.append(image[y, x], 1)
-    wanted = sums[..., :3] / sums[..., 3:]
-    found = low_rank(image, defocus, aperture, rank=99)
-    assert np.abs(found - wanted).max() < 2e-4
+    expected = sums[..., :3] / sums[..., 3:]
+    result = low_rank(image, defocus, aperture, rank=99)
+    assert np.abs(result - expected).max() < 2e-4
 
 
 @pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=6), Aperture(spherical_profile=0.8)])
@@ -120,11 +120,11 @@ def test_what_few_terms_miss_is_what_eckart_and_young_say(aperture):
     values = np.linalg.svd(psf, compute_uv=False)
     for rank in (1, 2, 4):
         columns, rows = separable_terms(aperture, 9.0, -1, rank, 0.0)
-        made = columns.T @ rows
+        result = columns.T @ rows
         missing = math.sqrt((values[rank:] ** 2).sum())
-        scale = (made * psf).sum() / (made * made).sum()  # terms are scaled so that their sum is 1
-        assert np.linalg.norm(scale * made - psf) == pytest.approx(missing, rel=1e-6)
-        assert made.sum() == pytest.approx(1)
+        scale = (result * psf).sum() / (result * result).sum()  # terms are scaled so that their sum is 1
+        assert np.linalg.norm(scale * result - psf) == pytest.approx(missing, rel=1e-6)
+        assert result.sum() == pytest.approx(1)
     few, _ = separable_terms(aperture, 9.0, -1, None, 0.1)
     assert math.sqrt((values[len(few) :] ** 2).sum() / (values**2).sum()) <= 0.1
     assert math.sqrt((values[len(few) - 1 :] ** 2).sum() / (values**2).sum()) > 0.1

@@ -38,21 +38,21 @@ def test_random_numbers_are_uniform():
 
 def test_basic_gather_is_the_first_listing_with_its_mean_corrected():
     image, defocus = scene()
-    wanted = np.zeros(image.shape)
+    expected = np.zeros(image.shape)
     for y, x in np.ndindex(defocus.shape):
         color = image[y, x].astype(float)
         for i in range(32):
             ang = 2 * math.pi * random_number(x, y, 2 * i)
             length = math.sqrt(random_number(x, y, 2 * i + 1)) * defocus[y, x]
             color = color + texel(image, y - length * math.sin(ang), x - length * math.cos(ang))
-        wanted[y, x] = color / 33
-    assert np.abs(gather_basic(image, defocus, samples=32) - wanted).max() < 1e-5
+        expected[y, x] = color / 33
+    assert np.abs(gather_basic(image, defocus, samples=32) - expected).max() < 1e-5
 
 
 def test_advanced_gather_is_the_second_listing():
     image, defocus = scene()
     rad_scale, largest = 0.7, np.abs(defocus).max()
-    wanted = np.zeros(image.shape)
+    expected = np.zeros(image.shape)
     for y, x in np.ndindex(defocus.shape):
         center = float(defocus[y, x])
         color, steps, radius, ang = image[y, x].astype(float), 1.0, rad_scale, 0.0
@@ -68,9 +68,9 @@ def test_advanced_gather_is_the_second_listing():
             steps += 1.0
             radius += rad_scale / radius
             ang += 2.39996323
-        wanted[y, x] = color / steps
-    found = gather_spiral(image, defocus, scale=rad_scale)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-4) < 0.02  # a place on the border of two texels
+        expected[y, x] = color / steps
+    result = gather_spiral(image, defocus, scale=rad_scale)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-4) < 0.02  # a place on the border of two texels
 
 
 def test_the_spiral_gives_each_sample_the_same_area():
@@ -85,8 +85,8 @@ def test_outlines_are_equation_2_2(blades):
     """A corner at angle 0 there; ours have an edge on the left, the third listing one on the right."""
     angle = np.arange(ANGLES) * 2 * math.pi / ANGLES
     edge = math.pi / blades
-    wanted = math.cos(edge) / np.cos((angle - math.pi + edge) % (2 * edge) - edge)
-    assert np.abs(outline(Aperture(blades=blades)) - wanted).max() < 2e-3
+    expected = math.cos(edge) / np.cos((angle - math.pi + edge) % (2 * edge) - edge)
+    assert np.abs(outline(Aperture(blades=blades)) - expected).max() < 2e-3
     listing = math.cos(edge) / np.cos(angle - 2 * edge * np.floor((blades * angle + math.pi) / 2 / math.pi))
     assert np.abs(outline(Aperture(blades=blades, rotation=180)) - listing).max() < 2e-3
 
@@ -111,7 +111,7 @@ def test_bokeh_gather_is_its_description():
     height, width = defocus.shape
     largest = dilated_tiles(defocus, 32)[1][0, 0]
     area = math.pi * largest**2 / samples
-    wanted = np.zeros(image.shape)
+    expected = np.zeros(image.shape)
     for y, x in np.ndindex(height, width):
         center = defocus[y, x]
         total = min(area / (math.pi * max(abs(center), 0.5) ** 2), 1)
@@ -128,9 +128,9 @@ def test_bokeh_gather_is_its_description():
             weight *= min(area / (math.pi * max(blur, 0.5) ** 2), 1)
             color = color + weight * texel(image, y + largest * p[1], x + largest * p[0])
             total += weight
-        wanted[y, x] = color / total
-    found = gather_bokeh(image, defocus, aperture, samples=samples)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-4) < 0.02
+        expected[y, x] = color / total
+    result = gather_bokeh(image, defocus, aperture, samples=samples)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-4) < 0.02
 
 
 def test_multi_pass_blurs_each_plane_by_its_own_disc():
@@ -140,11 +140,11 @@ def test_multi_pass_blurs_each_plane_by_its_own_disc():
     psf = psf_image(Aperture(), 6.0, 1)
     half = len(psf) // 2
     windows = np.lib.stride_tricks.sliding_window_view(image[..., 0], psf.shape)
-    wanted = np.einsum("yxvu,vu->yx", windows, psf)
+    expected = np.einsum("yxvu,vu->yx", windows, psf)
     for sign in (1, -1):
-        found = gather_passes(image, np.full(image.shape[:2], sign * 6.0, np.float32))
-        inner = found[half:-half, half:-half, 0]
-        assert np.abs(inner - wanted).max() < 0.012
+        result = gather_passes(image, np.full(image.shape[:2], sign * 6.0, np.float32))
+        inner = result[half:-half, half:-half, 0]
+        assert np.abs(inner - expected).max() < 0.012
 
 
 def test_multi_pass_keeps_far_light_off_what_is_sharp_and_lays_near_light_over_it():

@@ -18,7 +18,7 @@ WALKS = {"edges": walk_edges, "corners": walk_corners, "runs": walk_runs}
 def first_square(z, start, end, slack):
     """Oracle: the ray's times inside each square, one after the other, and the first square met."""
     start, way = np.array(start), np.array(end) - start
-    found = []
+    results = []
     for row, column in np.ndindex(z.shape[:2]):
         enter, leave = 0.0, 1.0
         for axis, low in ((0, column), (1, row)):
@@ -32,9 +32,9 @@ def first_square(z, start, end, slack):
             near, far = start[2] + enter * way[2], start[2] + leave * way[2] + slack
             for layer, depth in enumerate(z[row, column]):
                 if near < depth <= far:
-                    found.append((enter, row, column, layer))
+                    results.append((enter, row, column, layer))
                     break
-    return min(found)[1:] if found else None
+    return min(results)[1:] if results else None
 
 
 @pytest.mark.parametrize("walk", WALKS)
@@ -51,12 +51,12 @@ def test_all_walks_find_the_first_square(walk):
             end = [(start[0], end[1], 0.6), (float(rng.integers(1, 10)), start[1], 0.6), (*start[:2], 0.6)][
                 trial // 5 % 3
             ]
-        wanted = first_square(z, start, end, 0.01)
+        expected = first_square(z, start, end, 0.01)
         row, column, layer = WALKS[walk](z, count, start, end, 0.01)
-        if wanted is None:
+        if expected is None:
             assert layer == -1
         else:
-            assert (row, column, layer) == wanted
+            assert (row, column, layer) == expected
             hits += 1
     assert hits > 100
 
@@ -88,10 +88,10 @@ def test_a_blurred_edge_is_the_share_of_the_disc_on_its_side(walk):
     radius, cut = 6.0, 20
     bokeh, lost = trace_height_fields(two_layers(-1.0, radius, cut), samples=1024, walk=walk)
     x = np.clip((np.arange(40) + 0.5 - cut) / radius, -1, 1)
-    wanted = 0.5 + (x * np.sqrt(1 - x**2) + np.arcsin(x)) / math.pi
+    expected = 0.5 + (x * np.sqrt(1 - x**2) + np.arcsin(x)) / math.pi
     inside = slice(8, -8)
-    assert np.abs(bokeh[12, inside, 0] - wanted[inside]).max() < 0.01
-    assert np.abs(bokeh[12, inside, 1] - (1 - wanted[inside])).max() < 0.01
+    assert np.abs(bokeh[12, inside, 0] - expected[inside]).max() < 0.01
+    assert np.abs(bokeh[12, inside, 1] - (1 - expected[inside])).max() < 0.01
     assert lost.max() == 0
 
 

@@ -65,10 +65,10 @@ def test_main_pass_is_what_the_theses_write(two_layers):
             back += alpha * behind * np.append(light[row, column], 1)
         share = saturate(2 * fore[3] / (len(taps) / (math.pi * max(reach**2, 0.5))))
         if two_layers:
-            wanted = back[:3] / back[3] + share * (fore[:3] / fore[3] - back[:3] / back[3])
+            expected = back[:3] / back[3] + share * (fore[:3] / fore[3] - back[:3] / back[3])
         else:  # eq. 5.1: (v_f + v_b) over the sum of D sampleAlpha of all
-            wanted = (fore[:3] + back[:3]) / (fore[3] + back[3])
-        assert result[y, x, :3] == pytest.approx(wanted, rel=1e-4)
+            expected = (fore[:3] + back[:3]) / (fore[3] + back[3])
+        assert result[y, x, :3] == pytest.approx(expected, rel=1e-4)
         assert result[y, x, 3] == pytest.approx(share, rel=1e-4)
 
 
@@ -89,9 +89,9 @@ def test_tans_sum_does_not_depend_on_the_layers():
 
 def test_rings_reach_too_far():
     """Taps on rings k / n of the radius, 8 k each: the blur's variance over that of a disc."""
-    for rings, wanted in ((3, 1.306), (4, 1.235)):
+    for rings, expected in ((3, 1.306), (4, 1.235)):
         radius = sayg.ring_taps(rings)[:, 1].astype(float)
-        assert 2 * (radius**2).mean() == pytest.approx(wanted, abs=1e-3)
+        assert 2 * (radius**2).mean() == pytest.approx(expected, abs=1e-3)
 
 
 def test_tiles_know_the_nearest_and_the_most_blurred_around():
@@ -110,7 +110,7 @@ def test_tiles_know_the_nearest_and_the_most_blurred_around():
 
 @pytest.mark.parametrize("method", [jimenez, tan])
 def test_tiles_of_one_depth_lose_nothing_by_the_cheap_way(method):
-    """Where all have one blur all weights are the same; the blur asks for as many rings as are published."""
+    """All weights are equal at one blur, which needs as many rings as are published."""
     image = np.random.default_rng(2).random((96, 128, 3)).astype(np.float32)
     rings = 3 if method is jimenez else 4
     defocus = np.full((96, 128), 2.0 * rings - 0.5, np.float32)
@@ -147,10 +147,10 @@ def disc_means(image, radius):
 def test_an_even_blur_is_the_mean_over_a_disc_of_the_variance_of_the_taps(method, wider, most):
     y, x = np.mgrid[:64, :80]
     image = np.repeat((0.5 + 0.3 * np.sin(x / 6) * np.cos(y / 8))[..., None], 3, axis=2).astype(np.float32)
-    wanted, half = disc_means(image, 6.0 * math.sqrt(wider))
+    expected, half = disc_means(image, 6.0 * math.sqrt(wider))
     for sign in (1, -1):
-        found = method(image, np.full(image.shape[:2], sign * 6.0, np.float32))
-        assert np.abs(found[half:-half, half:-half, 0] - wanted).mean() < most
+        result = method(image, np.full(image.shape[:2], sign * 6.0, np.float32))
+        assert np.abs(result[half:-half, half:-half, 0] - expected).mean() < most
 
 
 def test_far_light_stays_off_what_is_sharp():

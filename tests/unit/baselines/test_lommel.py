@@ -36,9 +36,9 @@ def test_the_axis_has_its_closed_form():
 
 def test_bessel_functions_are_scipys():
     v = np.array([1e-6, 0.3, 2.0, 17.0, 250.0])
-    found = bessel_orders(300, v)
-    wanted = scipy_special.jv(np.arange(301)[:, None], v[None, :])
-    assert np.abs(found - wanted).max() < 1e-10
+    result = bessel_orders(300, v)
+    expected = scipy_special.jv(np.arange(301)[:, None], v[None, :])
+    assert np.abs(result - expected).max() < 1e-10
 
 
 def test_tables_hold_the_disc_and_tend_to_it_with_the_wavelength():
@@ -54,8 +54,8 @@ def test_tables_hold_the_disc_and_tend_to_it_with_the_wavelength():
 def test_each_channel_has_its_wavelength():
     image = np.zeros((31, 31, 3), np.float32)
     image[15, 15] = 1
-    found = lommel(image, np.zeros((31, 31)), f_number=16, wavelengths=(0.65, 0.55, 0.45))
-    spread = [(found[..., c] > 0.1 * found[..., c].max()).sum() for c in range(3)]
+    result = lommel(image, np.zeros((31, 31)), f_number=16, wavelengths=(0.65, 0.55, 0.45))
+    spread = [(result[..., c] > 0.1 * result[..., c].max()).sum() for c in range(3)]
     assert spread[0] > spread[2]
     with pytest.raises(ParameterError, match="wavelengths"):
         lommel(image, np.zeros((31, 31)), wavelengths=(0.6, 0.5, -1))

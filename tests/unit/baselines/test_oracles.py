@@ -115,13 +115,13 @@ def test_multi_pass_gather_composites_two_planes_over_the_sharp_picture():
     far_share, near_share = np.clip(-defocus - 0.5, 0, 1), np.clip(defocus - 0.5, 0, 1)
     far, far_alpha = plane_of(image, np.maximum(-defocus, 0), far_share, 0.7)
     near, near_alpha = plane_of(image, np.maximum(defocus, 0), near_share, 0.7)
-    wanted = np.empty(image.shape)
+    expected = np.empty(image.shape)
     for y, x in np.ndindex(defocus.shape):
         share = max(far_share[y, x], near_share[y, x] * min(far_alpha[y, x] / 0.1, 1))
         color = image[y, x] + share * (far[y, x] - image[y, x])
-        wanted[y, x] = color + near_alpha[y, x] * (near[y, x] - color)
-    found = baselines.gather_passes(image, defocus, scale=0.7)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-4) < 0.05  # a place on the border of two texels
+        expected[y, x] = color + near_alpha[y, x] * (near[y, x] - color)
+    result = baselines.gather_passes(image, defocus, scale=0.7)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-4) < 0.05  # a place on the border of two texels
 
 
 # The post-processes of games.
@@ -181,19 +181,19 @@ def test_scatter_as_you_gather_is_its_passes_one_after_the_other(name, rings, pa
         around = [texel(blurred, y + j, x + i)[:3] for j in (-1, 0, 1) for i in (-1, 0, 1)]
         smooth[y, x, :3] = np.sort(around, axis=0)[4]
     smooth = full_size(smooth, height, width)
-    wanted = np.empty(image.shape)
+    expected = np.empty(image.shape)
     for y, x in np.ndindex(height, width):
         covered = smooth[y, x, 3] if tile_of(coc, y // 2, x // 2, 16).max() > math.sqrt(0.5) else 0
         share = max(clamp(abs(defocus[y, x]) / math.sqrt(0.5) - 1, 0, 1), covered)
-        wanted[y, x] = image[y, x] + share * (smooth[y, x, :3] - image[y, x])
-    found = getattr(baselines, name)(image, defocus)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-3) < 0.05  # a place on the border of two texels
+        expected[y, x] = image[y, x] + share * (smooth[y, x, :3] - image[y, x])
+    result = getattr(baselines, name)(image, defocus)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-3) < 0.05  # a place on the border of two texels
 
 
 def layer_of(light, coc, side, rings):
     """Light times coverage, and coverage, of Abadie's far (-1) or near (1) layer."""
     inside = np.maximum(coc, 0) if side > 0 else np.minimum(coc, 0)
-    found = np.zeros((*coc.shape, 4))
+    result = np.zeros((*coc.shape, 4))
     for y, x in np.ndindex(coc.shape):
         reach = max(np.abs(tile_of(inside, y, x, 16)).max(), 0.5)
         hidden = side < 0 and coc[y, x] > 0
@@ -211,20 +211,20 @@ def layer_of(light, coc, side, rings):
             weight = clamp(radius - away + 0.5, 0, 1) / (math.pi * max(radius * radius, 0.5))
             weight = 1.0 if hidden else weight * min(2 * radius, 1)
             weight *= math.pi * reach * reach / len(taps)
-            found[y, x] += weight * np.append(texel(light, y + down, x + across), 1)
-    return found
+            result[y, x] += weight * np.append(texel(light, y + down, x + across), 1)
+    return result
 
 
 def sprites(lights, coc, side):
-    found = np.zeros(lights.shape)
+    result = np.zeros(lights.shape)
     for y, x in np.argwhere(lights.any(axis=2) & (side * coc > 0)):
         table = psf_image(Aperture(), round(4 * abs(float(coc[y, x]))) / 4, side)
         half = len(table) // 2
         for j, i in np.ndindex(table.shape):
             row, column = y + j - half, x + i - half
-            if 0 <= row < len(found) and 0 <= column < found.shape[1]:
-                found[row, column] += table[j, i] * lights[y, x]
-    return found
+            if 0 <= row < len(result) and 0 <= column < result.shape[1]:
+                result[row, column] += table[j, i] * lights[y, x]
+    return result
 
 
 def test_abadie_is_two_gathered_layers_with_sprites():
@@ -244,15 +244,15 @@ def test_abadie_is_two_gathered_layers_with_sprites():
     alpha = np.minimum(near[..., 3:], 1)
     near_light = near[..., :3] / np.maximum(near[..., 3:], 1e-6)
     near = full_size(np.dstack([near_light * alpha + sprites(lights, coc, 1), alpha]), *size)
-    wanted = np.empty(image.shape)
+    expected = np.empty(image.shape)
     for y, x in np.ndindex(size):
         color = image[y, x].astype(float)
         if far[y, x, 3] > 1e-3:
             share = clamp(abs(defocus[y, x]) - 0.5, 0, 1)
             color += share * (far[y, x, :3] / far[y, x, 3] - color)
-        wanted[y, x] = near[y, x, :3] + (1 - near[y, x, 3]) * color
-    found = baselines.abadie(image, defocus)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-3) < 0.05  # a place on the border of two texels
+        expected[y, x] = near[y, x, :3] + (1 - near[y, x, 3]) * color
+    result = baselines.abadie(image, defocus)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-3) < 0.05  # a place on the border of two texels
 
 
 # Filters and spreading.
@@ -260,20 +260,20 @@ def test_abadie_is_two_gathered_layers_with_sprites():
 
 def test_diffusion_solves_its_system_for_all_rows_then_all_columns():
     image, defocus = scene()
-    wanted, steps = image.astype(float), 3
+    expected, steps = image.astype(float), 3
     conductivity = defocus.astype(float) ** 2 / (8 * steps)
     for _ in range(steps):
         for axis in (1, 0):
             for line in range(defocus.shape[1 - axis]):
-                values, heat = (np.take(part, line, 1 - axis) for part in (wanted, conductivity))
+                values, heat = (np.take(part, line, 1 - axis) for part in (expected, conductivity))
                 slope = np.diff(np.eye(len(heat)), axis=0)
                 system = np.eye(len(heat)) + slope.T @ np.diag(np.minimum(heat[:-1], heat[1:])) @ slope
                 solved = np.linalg.solve(system, values)
                 if axis == 1:
-                    wanted[line] = solved
+                    expected[line] = solved
                 else:
-                    wanted[:, line] = solved
-    assert np.abs(baselines.diffusion(image, defocus, steps=steps) - wanted).max() < 1e-5
+                    expected[:, line] = solved
+    assert np.abs(baselines.diffusion(image, defocus, steps=steps) - expected).max() < 1e-5
 
 
 def mixed(radii, radius):
@@ -294,7 +294,7 @@ def add(sums, table, y, x, light):
 def test_lommel_spreads_the_spot_of_each_channels_wavelength():
     image, defocus = (array[:11, :13] for array in scene())
     radii = radius_ladder(float(np.abs(defocus).max()))
-    wanted = np.empty(image.shape)
+    expected = np.empty(image.shape)
     for channel, wavelength in enumerate(WAVELENGTHS):
         unit = wavelength * 2.8 / 5.0
         spots = [lommel_table(float(radius) if k else 0.0, unit) for k, radius in enumerate(radii)]
@@ -302,8 +302,8 @@ def test_lommel_spreads_the_spot_of_each_channels_wavelength():
         for y, x in np.ndindex(defocus.shape):
             for k, share in mixed(radii, max(abs(float(defocus[y, x])), 0.5)):
                 add(sums, spots[k][..., None], y, x, share * np.array([image[y, x, channel], 1]))
-        wanted[..., channel] = sums[..., 0] / sums[..., 1]
-    assert np.abs(baselines.lommel(image, defocus) - wanted).max() < 1e-5
+        expected[..., channel] = sums[..., 0] / sums[..., 1]
+    assert np.abs(baselines.lommel(image, defocus) - expected).max() < 1e-5
 
 
 def test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere():
@@ -327,8 +327,8 @@ def test_hybrid_spreading_draws_outlines_of_salient_pixels_and_squares_elsewhere
             across = clamp(min(column + 0.5, x + half) - max(column - 0.5, x - half), 0, 1)
             sums[row, column] += down * across / (2 * half) ** 2 * light
     assert 0.2 < outlined / defocus.size < 0.8
-    found = baselines.hybrid_spreading(image, defocus, threshold=threshold)
-    assert np.abs(found - sums[..., :3] / sums[..., 3:]).max() < 1e-4
+    result = baselines.hybrid_spreading(image, defocus, threshold=threshold)
+    assert np.abs(result - sums[..., :3] / sums[..., 3:]).max() < 1e-4
 
 
 def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
@@ -351,8 +351,8 @@ def test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs():
                     table = tables[starts[at] : starts[at] + side**2].reshape(side, side, 3)
                     light = up * down * right * np.concatenate([image[y, x], np.ones(3)])
                     add(sums, np.dstack([table, table]), y, x, light)
-    found = baselines.lens_spreading(image, defocus, lens_response=response)
-    assert np.abs(found - sums[..., :3] / sums[..., 3:]).max() < 1e-5
+    result = baselines.lens_spreading(image, defocus, lens_response=response)
+    assert np.abs(result - sums[..., :3] / sums[..., 3:]).max() < 1e-5
 
 
 def test_profile_spreading_mixes_the_ring_means_of_two_blurs():
@@ -380,8 +380,8 @@ def test_profile_spreading_mixes_the_ring_means_of_two_blurs():
         for k, up in mixed(ladder, float(defocus[y, x])):
             light = up * np.concatenate([image[y, x], np.ones(3)])
             add(sums, np.dstack([profiles[k], profiles[k]]), y, x, light)
-    found = baselines.profile_spreading(image, defocus, lens_response=response)
-    assert np.abs(found - sums[..., :3] / sums[..., 3:]).max() < 1e-5
+    result = baselines.profile_spreading(image, defocus, lens_response=response)
+    assert np.abs(result - sums[..., :3] / sums[..., 3:]).max() < 1e-5
 
 
 # Rays through a picture.
@@ -396,7 +396,7 @@ def test_image_rays_meet_the_first_square_of_all():
     patterns = [disc_from_square(sobol(samples, rng)) for _ in range(256)]
     wide, near, far = np.pad(depth, beyond, mode="edge"), depth.min() - slack, depth.max() + slack
     low_y, low_x = np.mgrid[: wide.shape[0], : wide.shape[1]] - beyond
-    wanted = np.zeros(image.shape)
+    expected = np.zeros(image.shape)
     for y, x in np.ndindex(depth.shape):
         met = []
         for u, v in patterns[int(random_number(x, y, 0) * 256)]:
@@ -408,6 +408,6 @@ def test_image_rays_meet_the_first_square_of_all():
             first = np.unravel_index(np.where(inside, enter, np.inf).argmin(), wide.shape)
             if inside[first]:
                 met.append(texel(image, low_y[first], low_x[first]))
-        wanted[y, x] = np.mean(met, axis=0) if met else image[y, x]
-    found = baselines.image_rays(image, defocus, samples=samples)
-    assert np.mean(np.abs(found - wanted).max(axis=2) > 1e-4) < 0.05  # a ray through a corner
+        expected[y, x] = np.mean(met, axis=0) if met else image[y, x]
+    result = baselines.image_rays(image, defocus, samples=samples)
+    assert np.mean(np.abs(result - expected).max(axis=2) > 1e-4) < 0.05  # a ray through a corner

@@ -134,8 +134,8 @@ def test_001_4_2_1_leaves_a_pixel_on_the_other_side():
     assert printed.tolist() == [1, 0]
     z = np.full((2, 1, 1), 0.5)
     z[0] = 2.0
-    found = walk_corners(z, np.ones((2, 1), np.int64), (0.0, 0.0, 0.0), (1.0, 2.0, 0.9), 0.0)
-    assert found == (1, 0, 0)
+    result = walk_corners(z, np.ones((2, 1), np.int64), (0.0, 0.0, 0.0), (1.0, 2.0, 0.9), 0.0)
+    assert result == (1, 0, 0)
 
 
 def test_001_algorithm_2_leaves_out_every_second_layer():

@@ -1,4 +1,4 @@
-"""What all baselines have in common, and that engines render with them."""
+"""Common properties of all baselines, and engines that render with them."""
 
 from importlib import import_module
 
@@ -118,9 +118,9 @@ def test_what_a_method_does_not_know_is_refused(name):
 def test_each_method_has_a_slow_oracle(name):
     file, function = ORACLES[name].rsplit(".", 1)
     test = getattr(import_module(f"{__package__}.{file}"), function)
-    given = [mark.args[1] for mark in getattr(test, "pytestmark", [])]
-    assert name in test.__code__.co_names or any(name in row for rows in given for row in rows)
-    assert "wanted" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
+    options = [mark.args[1] for mark in getattr(test, "pytestmark", [])]
+    assert name in test.__code__.co_names or any(name in row for rows in options for row in rows)
+    assert "expected" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
 
 
 def test_baselines_are_listed_with_the_engines():
@@ -146,8 +146,8 @@ def test_compare_runs_a_baseline_on_files(cli, tmp_path):
         }
     )
     (compared,) = compare_engines(read_scene(tmp_path / "in.exr", settings), settings, ["overlap"])
-    wanted = BokehRenderer("overlap").render_arrays(read_image(tmp_path / "in.exr"), defocus).bokeh
-    assert np.abs(compared.bokeh - wanted).max() < 0.02
+    expected = BokehRenderer("overlap").render_arrays(read_image(tmp_path / "in.exr"), defocus).bokeh
+    assert np.abs(compared.bokeh - expected).max() < 0.02
     words = ["compare", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--blur", 7.5, "--focus", 0.4]
     refused = cli(*words, "-o", tmp_path / "no.png", "--engines", "overlap", "--blades", 5)
     assert refused.code == 1

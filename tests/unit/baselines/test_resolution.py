@@ -16,14 +16,14 @@ def test_half_the_resolution_is_the_method_on_means_of_four_pixels(method):
     image = RNG.random((16, 24, 3)).astype(np.float32)
     defocus = np.full((16, 24), 4.0, np.float32)
     small = method(image.reshape(8, 2, 12, 2, 3).mean((1, 3)), np.full((8, 12), 2.0, np.float32))
-    made = method(image, defocus, resolution=0.5)
+    result = method(image, defocus, resolution=0.5)
     for y, x in ((0, 0), (5, 7), (15, 23), (8, 12)):
         v, u = min(max((y + 0.5) / 2 - 0.5, 0), 7), min(max((x + 0.5) / 2 - 0.5, 0), 11)
         j, i = min(int(v), 6), min(int(u), 10)
         b, a = v - j, u - i
-        wanted = (1 - b) * ((1 - a) * small[j, i] + a * small[j, i + 1])
-        wanted = wanted + b * ((1 - a) * small[j + 1, i] + a * small[j + 1, i + 1])
-        assert made[y, x] == pytest.approx(wanted, abs=1e-5)
+        expected = (1 - b) * ((1 - a) * small[j, i] + a * small[j, i + 1])
+        expected = expected + b * ((1 - a) * small[j + 1, i] + a * small[j + 1, i + 1])
+        assert result[y, x] == pytest.approx(expected, abs=1e-5)
 
 
 def test_one_is_the_method_itself_and_light_stays():

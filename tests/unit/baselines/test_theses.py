@@ -19,8 +19,8 @@ def test_the_profile_is_the_share_of_a_disc_on_one_side():
     y, x = np.mgrid[-2000:2001, -2000:2001] / 2000
     inside = np.hypot(x, y) <= 1
     for distance in (-0.8, 0.0, 0.3):
-        wanted = (inside & (x <= distance)).sum() / inside.sum()
-        assert edge_profile(np.array([distance * 12]), 12.0)[0] == pytest.approx(wanted, abs=1e-3)
+        expected = (inside & (x <= distance)).sum() / inside.sum()
+        assert edge_profile(np.array([distance * 12]), 12.0)[0] == pytest.approx(expected, abs=1e-3)
     assert disc_of_lamp().sum() == pytest.approx(1)
     assert disc_of_lamp().max() == pytest.approx(1 / (math.pi * 144), rel=0.01)
 
@@ -59,9 +59,9 @@ def test_one_table_lists_all_with_a_dash_for_missing_runs():
         "costs": {"rays": {"seconds": 2.0, "memory": 210.4, "flicker": 0.5}},
         "faults": {"tan": dict.fromkeys(FAULTS, -0.01)},
     }
-    found = table(merged([first, second]), theses.METHODS).splitlines()
+    result = table(merged([first, second]), theses.METHODS).splitlines()
     rows = {
-        line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ") for line in found if line[:1] == "|"
+        line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ") for line in result if line[:1] == "|"
     }
     assert rows["method"][1:4] == ["a", "b", "mean"]
     assert rows["tan"][1:7] == [
@@ -73,27 +73,27 @@ def test_one_table_lists_all_with_a_dash_for_missing_runs():
     assert set(rows["tan"][7:]) == {"0.0"}  # of the later run, and no minus before it
     assert rows["rays"][2:7] == ["-", "-", "2.00", "210", "0.50"]
     assert len(rows) == 4
-    assert sum("no row, as it draws a scene" in line for line in found) == 2
+    assert sum("no row, as it draws a scene" in line for line in result) == 2
 
 
 def test_methods_that_know_only_discs_render_discs():
     image, defocus = np.random.default_rng(0).random((20, 20, 3)), np.full((20, 20), 3.0)
-    found = theses.render_with("overlap")(image, defocus, Aperture(blades=6))
-    assert np.array_equal(found, theses.render_with("overlap")(image, defocus, Aperture()))
+    result = theses.render_with("overlap")(image, defocus, Aperture(blades=6))
+    assert np.array_equal(result, theses.render_with("overlap")(image, defocus, Aperture()))
     assert set(BASELINES) < set(theses.METHODS)
 
 
 def test_scenes_that_are_not_there_are_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["theses", str(tmp_path), "--engine", "rectangle"])
     theses.main()
-    told = capsys.readouterr().out
-    assert told.count("skipped, as") == len(theses.SCENES)
-    assert "rectangle" in told
+    message = capsys.readouterr().out
+    assert message.count("skipped, as") == len(theses.SCENES)
+    assert "rectangle" in message
 
 
 @pytest.mark.slow
 def test_figures_of_the_first_scene(shared):
-    """What was reached at edges of two shots of the still life; less is a step back."""
+    """Lower bounds of the quality at edges of two shots of the still life."""
     folder = shared("cycles") / "s1_still_life"
     least = {"perimeter": 33.9, "overlap": 33.3, "gather_bokeh": 36.4, "rays": 38.0}
     means = theses.print_scene(folder, {name: theses.render_with(name) for name in least}, 2)

@@ -38,10 +38,10 @@ def small():
 @pytest.fixture(scope="module")
 def folder(small, tmp_path_factory):
     """Two small scenes, and their pins."""
-    made = tmp_path_factory.mktemp("bench")
-    pins = {name: dataset.make_scene(name, made / name)["pins"] for name in ("table", "lamps")}
-    (made / "pins.json").write_text(json.dumps(pins))
-    return made
+    result = tmp_path_factory.mktemp("bench")
+    pins = {name: dataset.make_scene(name, result / name)["pins"] for name in ("table", "lamps")}
+    (result / "pins.json").write_text(json.dumps(pins))
+    return result
 
 
 @pytest.fixture

@@ -24,9 +24,9 @@ def test_a_set_meets_a_range_where_it_holds_a_number_of_it():
         rows, columns = rng.integers(0, 3, LANES), rng.integers(0, 4, LANES)
         first, last = np.sort(rng.integers(0, MEMBERS, (2, LANES)), axis=0)
         fractions = [(a + rng.random(LANES) * 0.99).astype(np.float32) for a in (first, last)]
-        found = meet(sets, 4, rows.astype(np.float32), columns.astype(np.float32), *fractions)
+        result = meet(sets, 4, rows.astype(np.float32), columns.astype(np.float32), *fractions)
         held = [members[4 * r + c] for r, c in zip(rows, columns, strict=True)]
         expected = [any(a <= i <= b for i in each) for each, a, b in zip(held, first, last, strict=True)]
-        np.testing.assert_array_equal(found.astype(bool), expected)
+        np.testing.assert_array_equal(result.astype(bool), expected)
         outcomes += expected
     assert 0.2 < np.mean(outcomes) < 0.8

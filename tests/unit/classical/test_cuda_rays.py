@@ -68,8 +68,8 @@ class CpuMarch:
             )  # fmt: skip
 
 
-def decibels(found: np.ndarray, wanted: np.ndarray) -> float:
-    return float(-10 * np.log10(np.mean((found.astype(float) - wanted) ** 2) + 1e-30))
+def decibels(result: np.ndarray, expected: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((result.astype(float) - expected) ** 2) + 1e-30))
 
 
 @pytest.fixture(scope="module")
@@ -84,11 +84,11 @@ def on_cpu() -> Device:
 )
 def test_the_walk_of_one_ray_gives_the_picture_of_eight_at_once(on_cpu, aperture):
     image, defocus = scene()
-    wanted = render_rays(image, defocus, aperture)
-    found = render_rays(image, defocus, aperture, device=on_cpu)
-    assert (wanted.disocclusion_weight > 0).any()
-    assert decibels(found.bokeh, wanted.bokeh) > 60
-    assert decibels(found.disocclusion_weight, wanted.disocclusion_weight) > 60
+    expected = render_rays(image, defocus, aperture)
+    picture = render_rays(image, defocus, aperture, device=on_cpu)
+    assert (expected.disocclusion_weight > 0).any()
+    assert decibels(picture.bokeh, expected.bokeh) > 60
+    assert decibels(picture.disocclusion_weight, expected.disocclusion_weight) > 60
 
 
 def test_long_rays_that_pass_tiles_in_one_step_give_it_too(on_cpu, monkeypatch):
@@ -101,8 +101,8 @@ def test_long_rays_that_pass_tiles_in_one_step_give_it_too(on_cpu, monkeypatch):
     slope = np.tile(np.linspace(-6, 6, image.shape[1], dtype=np.float32), (image.shape[0], 1))
     slope[:6] = 30
     for radii in (4 * defocus, slope):
-        wanted = render_rays(image, radii).bokeh
-        assert decibels(render_rays(image, radii, device=on_cpu).bokeh, wanted) > 60
+        expected = render_rays(image, radii).bokeh
+        assert decibels(render_rays(image, radii, device=on_cpu).bokeh, expected) > 60
 
 
 SIMULATED = """
@@ -124,10 +124,10 @@ def test_the_kernel_runs_in_numbas_simulator_of_a_device():
 
     The device keeps no picture once the host has freed it.
     """
-    told = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
+    message = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SIMULATED],
-        env=told,
+        env=message,
         capture_output=True,
         text=True,
         timeout=500,
@@ -146,11 +146,11 @@ def test_a_device_gives_the_picture_of_the_cpu(name, aperture):
     from bokehnet.classical.base import make_classical
 
     image, defocus = scene(300, 400)
-    wanted = make_classical(name)(image, defocus, aperture).bokeh
+    expected = make_classical(name)(image, defocus, aperture).bokeh
     on_card = make_on_cuda(name)
-    found = on_card(image, defocus, aperture).bokeh
-    assert decibels(found, wanted) > 60
-    assert (on_card(image, defocus, aperture).bokeh == found).all()
+    result = on_card(image, defocus, aperture).bokeh
+    assert decibels(result, expected) > 60
+    assert (on_card(image, defocus, aperture).bokeh == result).all()
 
 
 @pytest.mark.gpu

@@ -1,4 +1,4 @@
-"""Colours parted by the scatter. Authority: the spectrum itself, and rays sent one by one."""
+"""Colours separated by the scatter. Authority: the spectrum itself, and rays sent one by one."""
 
 import math
 
@@ -27,14 +27,14 @@ def fringes(**options) -> LensResponse:
 @pytest.mark.parametrize("curve", [None, achromat_curve()])
 def test_each_colour_keeps_its_light_and_its_mean_strength(dispersion, curve):
     lens = fringes(axial=2.0, lateral=-1.0, dispersion=dispersion, **({"curve": curve} if curve else {}))
-    found = chromatic_fringes(lens, 400.0)
-    assert found is not None
-    np.testing.assert_allclose(found.colors.sum(0), 1, atol=1e-6)
+    result = chromatic_fringes(lens, 400.0)
+    assert result is not None
+    np.testing.assert_allclose(result.colors.sum(0), 1, atol=1e-6)
     wavelengths, weights = lens.wavelengths_at((np.arange(100_000) + 0.5) / 100_000)
     strengths = 400 * lens.chromatic_aberration.strengths(wavelengths)
     expected = strengths.T @ weights / len(weights)
     np.testing.assert_allclose(
-        np.stack([found.axial, found.lateral]) @ found.colors, expected, atol=2e-3 * np.ptp(strengths)
+        np.stack([result.axial, result.lateral]) @ result.colors, expected, atol=2e-3 * np.ptp(strengths)
     )
 
 
@@ -58,11 +58,11 @@ def test_a_plane_is_nearer_to_its_rays_than_as_many_as_are_sent(strengths, defoc
     image, lens = picture(), fringes(axial=strengths[0], lateral=strengths[1])
     plane = np.full((HEIGHT, WIDTH), defocus, np.float32)
     truth = seen(image, defocus, lens, 3000)[14:-14, 14:-14]
-    found = decibels(rays(image, plane, lens_response=lens)[14:-14, 14:-14], truth)
+    result = decibels(rays(image, plane, lens_response=lens)[14:-14, 14:-14], truth)
     monkeypatch.setattr(rays_renderer, "chromatic_fringes", lambda *_: None)
     by_rays = decibels(rays(image, plane, lens_response=lens)[14:-14, 14:-14], truth)
-    assert found > 46
-    assert found > by_rays
+    assert result > 46
+    assert result > by_rays
 
 
 def test_white_stays_white_and_rows_by_themselves_are_those_of_the_whole():

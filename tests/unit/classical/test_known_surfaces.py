@@ -1,6 +1,6 @@
 """Known surfaces: what is refused, cut and joined; and what rays make of them.
 
-Authority: discs laid over each other in closed form.
+Authority: composited discs in closed form.
 """
 
 from dataclasses import replace
@@ -44,12 +44,12 @@ def test_a_wire_that_no_pixel_of_the_map_shows_is_blurred():
     What the rays show on average is looked at: the noise of a single picture is larger than the bound.
     """
     image, defocus, known = wire()
-    found = np.mean([rays(image, defocus, known=known, seed=seed)[12:28] for seed in range(4)], axis=(0, 1))
+    result = np.mean([rays(image, defocus, known=known, seed=seed)[12:28] for seed in range(4)], axis=(0, 1))
     away = np.arange(64)[:, None] - 32 + np.linspace(-0.5, 0.5, 101)  # a wire as wide as its pixel
     chord = (2 * np.sqrt(np.maximum(64 - away**2, 0)) / (np.pi * 64)).mean(1)
     share = 0.25 * chord[:, None]
     truth = 0.8 * (1 - share) + share * np.array([0.0, 0.2, 0.0])
-    np.testing.assert_allclose(found, truth, atol=0.004)
+    np.testing.assert_allclose(result, truth, atol=0.004)
     assert np.abs(rays(image, defocus) - image).max() < 1e-6  # without, the wire stays where it is, sharp
 
 
@@ -81,10 +81,10 @@ def test_a_sharp_front_before_a_blurred_wall_keeps_its_coverage():
 
 def test_unmixed_pixels_are_reported():
     image, defocus, known = wire()
-    told = render_rays(image, defocus, known=known).mixed_pixels
-    assert told is not None
+    picture = render_rays(image, defocus, known=known).mixed_pixels
+    assert picture is not None
     for name in ("rows", "columns", "near", "far", "coverage", "front", "back"):
-        np.testing.assert_array_equal(getattr(told, name), getattr(known, name))
+        np.testing.assert_array_equal(getattr(picture, name), getattr(known, name))
     assert render_rays(image, defocus, known=replace(known, near=known.far + 0.5)).mixed_pixels is None
 
 
@@ -107,10 +107,12 @@ def test_gamma_weighs_the_known_colours_as_it_weighs_the_picture():
     """A sharp wire before a blurred wall of one colour: ``decode(a encode(F) + (1 - a) encode(B))``."""
     image, defocus, known = wire(near=0.0)
     known, defocus = replace(known, far=known.far - 6), defocus - 6
-    found = Engine("rays").render(image, defocus, options=RenderOptions(known=known, gamma=2.0)).bokeh[20, 32]
+    picture = (
+        Engine("rays").render(image, defocus, options=RenderOptions(known=known, gamma=2.0)).bokeh[20, 32]
+    )
     curve = gamma_curve(image, 2.0)
     front, back = (curve.encode(side[:1])[0] for side in (known.front, known.back))
-    np.testing.assert_allclose(found, curve.decode(0.25 * front + 0.75 * back), atol=0.01)
+    np.testing.assert_allclose(picture, curve.decode(0.25 * front + 0.75 * back), atol=0.01)
 
 
 def test_rows_are_cut_and_joined_again():
@@ -148,9 +150,9 @@ def test_what_does_not_go_together_is_refused(change, error, message):
         "front": np.ones((2, 3)),
         "back": np.ones((2, 3)),
     }
-    given = {name: None if value is None else np.asarray(value) for name, value in (good | change).items()}
+    options = {name: None if value is None else np.asarray(value) for name, value in (good | change).items()}
     with pytest.raises(error, match=message):
-        KnownSurfaces(**given)
+        KnownSurfaces(**options)
 
 
 def test_pixels_outside_the_picture_are_refused():
@@ -178,5 +180,5 @@ def test_small_pictures_and_pictures_that_are_all_edge(shape):
         complete=True,
     )
     image, defocus = rng.random((*shape, 3), dtype=np.float32), far.reshape(shape).astype(np.float32)
-    for told in (known, known.without_colors(), known.select(np.zeros(count, bool))):
-        assert np.isfinite(rays(image, defocus, aperture=Aperture(blades=5), known=told)).all()
+    for message in (known, known.without_colors(), known.select(np.zeros(count, bool))):
+        assert np.isfinite(rays(image, defocus, aperture=Aperture(blades=5), known=message)).all()

@@ -47,7 +47,7 @@ def aberration_map(vignetting_apertures=(), tilt=(0.0, 0.0), **terms: float) -> 
 
 
 def seen(image, defocus, lens_response, count=750):
-    """What each pixel sees of a single plane, all over itself, by nearest pixels; the border goes on."""
+    """Return the light of a single plane in each pixel by nearest pixels; the border continues."""
     starts = np.stack([halton(count, 7), halton(count, 11)], -1) - 0.5
     pupil = disc_from_square(np.stack([halton(count, 2), halton(count, 3)], -1))
     wavelengths, colors = lens_response.sample_wavelengths(count)
@@ -91,12 +91,12 @@ CHARACTERS = {
 )
 def test_a_plane_looks_as_its_rays_say(name, defocus):
     image, lens_response = picture(), CHARACTERS[name]
-    found = rays(image, np.full((HEIGHT, WIDTH), defocus, np.float32), lens_response=lens_response)
+    result = rays(image, np.full((HEIGHT, WIDTH), defocus, np.float32), lens_response=lens_response)
     expected = seen(image, defocus, lens_response)
-    assert decibels(found, expected) > 42
+    assert decibels(result, expected) > 42
     if defocus or name not in ("pupil_aberration", "rim", "tilt"):  # which do nothing in focus
         plain = rays(image, np.full((HEIGHT, WIDTH), defocus, np.float32))
-        assert decibels(found, plain) < decibels(found, expected) - 3
+        assert decibels(result, plain) < decibels(result, expected) - 3
 
 
 def test_a_lens_without_character_changes_no_bit():
@@ -124,26 +124,26 @@ def test_a_little_character_changes_a_picture_a_little(name):
     changes = []
     for strength in (1e-4, 1e-3, 1e-2):
         chosen = {name: 0.1 * strength} if name != "tilt" else {"tilt": (strength, 0.0)}
-        found = rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map(**chosen)))
-        changes.append(np.abs(found - plain).mean())
+        result = rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map(**chosen)))
+        changes.append(np.abs(result - plain).mean())
     assert 0 < changes[0] < changes[1] < changes[2]
     assert changes[0] < 1e-4  # the noise of rays of a few pixels more
 
 
 def test_colours_part_without_a_jump():
     image, defocus = picture(), stepped()
-    found = [
+    results = [
         rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map(lateral=strength)))
         for strength in (0.0, 1e-5, 0.02, 0.0201)
     ]
-    changes = [np.abs(second - first).mean() for first, second in itertools.pairwise(found)]
+    changes = [np.abs(second - first).mean() for first, second in itertools.pairwise(results)]
     assert changes[0] < 0.001  # the noise of other, and more, rays
     assert changes[2] < 0.001 < 0.005 < changes[1]
 
 
 def test_the_estimate_is_independent_of_unmixed_colours():
     image, defocus = picture(), stepped()
-    one, parted = (
+    one, unmixed = (
         render_rays(
             image, defocus, lens_response=LensResponse(aberration_map=aberration_map(**terms))
         ).disocclusion_weight
@@ -151,16 +151,16 @@ def test_the_estimate_is_independent_of_unmixed_colours():
     )
     assert one.max() > 0.4
     # Rows of five are nearly alike: their means hold less of the noise of the rays.
-    parted, one = (share.reshape(-1, 5, WIDTH).mean(1) for share in (parted, one))
-    np.testing.assert_allclose(parted, one, atol=0.05)
+    unmixed, one = (share.reshape(-1, 5, WIDTH).mean(1) for share in (unmixed, one))
+    np.testing.assert_allclose(unmixed, one, atol=0.05)
 
 
 def test_white_stays_white_behind_a_lens_that_parts_colours():
     image = np.full((HEIGHT, WIDTH, 3), 0.7, np.float32)
     defocus = np.full((HEIGHT, WIDTH), 6.0, np.float32)
     lens_response = LensResponse(chromatic_aberration=ChromaticAberration(axial=6.0, lateral=5.0))
-    found = rays(image, defocus, aperture=Aperture(blades=6), lens_response=lens_response)
-    np.testing.assert_allclose(found, image, atol=1e-6)
+    result = rays(image, defocus, aperture=Aperture(blades=6), lens_response=lens_response)
+    np.testing.assert_allclose(result, image, atol=1e-6)
 
 
 def test_the_scatter_reports_that_it_ignores_aberrations():
@@ -176,7 +176,7 @@ def test_half_a_pixel_of_shift_is_half_a_pixel():
     image, defocus = np.tile(ramp[None, :, None], (HEIGHT, 1, 3)), np.zeros((HEIGHT, WIDTH), np.float32)
     half_diagonal, column = 0.5 * math.hypot(WIDTH, HEIGHT), 100
     field = (column - 0.5 * (WIDTH - 1)) / half_diagonal
-    shifts, found = [0.75, 1.0, 1.2, 1.5, 1.9, 2.0], []
+    shifts, results = [0.75, 1.0, 1.2, 1.5, 1.9, 2.0], []
     for shift in shifts:  # to the right, at this column
         transverse_aberration = np.zeros((1, 2, 20))
         transverse_aberration[0, 1, 0] = shift / (half_diagonal * field)
@@ -188,5 +188,5 @@ def test_half_a_pixel_of_shift_is_half_a_pixel():
             )
         )
         seen_there = rays(image, defocus, lens_response=lens)[10:-10, column, 0]  # alike but for the noise
-        found.append(column - WIDTH * seen_there.mean())
-    np.testing.assert_allclose(found, shifts, atol=0.04)
+        results.append(column - WIDTH * seen_there.mean())
+    np.testing.assert_allclose(results, shifts, atol=0.04)

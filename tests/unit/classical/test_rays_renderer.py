@@ -40,9 +40,9 @@ def test_a_blurred_foreground_covers_by_its_segment(back):
     image, defocus = half_plane(radius, back)
     share = segment((EDGE - 0.5 - np.arange(SIZE)) / radius)[None, :, None]
     expected = np.broadcast_to(share * FRONT + (1 - share) * BACK, image.shape)
-    got = rays(image, defocus)
-    assert rms(got, expected) < 0.006
-    assert rms(scatter(image, defocus), expected) > 2 * rms(got, expected)
+    picture = rays(image, defocus)
+    assert rms(picture, expected) < 0.006
+    assert rms(scatter(image, defocus), expected) > 2 * rms(picture, expected)
 
 
 def test_a_sharp_foreground_keeps_its_edge_before_blur():
@@ -78,8 +78,8 @@ def test_a_steep_slope_does_not_leak():
         defocus=np.stack([defocus, np.full_like(defocus, -36.5)], 2),
         coverage=np.ones((*defocus.shape, 2)),
     )
-    got = rays(image, defocus, layers=layers)
-    np.testing.assert_allclose(got[:, 5:20], 0.2, rtol=1e-4)
+    picture = rays(image, defocus, layers=layers)
+    np.testing.assert_allclose(picture[:, 5:20], 0.2, rtol=1e-4)
 
 
 @pytest.mark.parametrize("gap", [0.4, 5.0])
@@ -97,8 +97,8 @@ def test_veils_one_behind_the_other_let_through_what_each_leaves(gap):
         coverage=np.broadcast_to(shares, (SIZE, SIZE, 4)),
     )
     through = np.cumprod([1, *(1 - shares[:-1])])
-    got = rays(np.zeros((SIZE, SIZE, 3), np.float32), defocus, layers=layers)[24:-24, EDGE - 4 : EDGE + 4]
-    assert np.abs(got.mean(axis=(0, 1)) - (through * shares) @ colors).max() < 0.03
+    picture = rays(np.zeros((SIZE, SIZE, 3), np.float32), defocus, layers=layers)[24:-24, EDGE - 4 : EDGE + 4]
+    assert np.abs(picture.mean(axis=(0, 1)) - (through * shares) @ colors).max() < 0.03
 
 
 def test_true_layers_show_the_true_background():
@@ -143,19 +143,19 @@ def test_any_number_of_threads_gives_the_same_bits():
 def test_small_pictures(size):
     rng = np.random.default_rng(4)
     image = rng.random((*size, 3), dtype=np.float32)
-    got = rays(image, rng.uniform(-50, 50, size).astype(np.float32))
-    assert got.shape == image.shape
-    assert np.isfinite(got).all()
-    assert got.min() >= image.min() - 1e-5
-    assert got.max() <= image.max() + 1e-5
+    picture = rays(image, rng.uniform(-50, 50, size).astype(np.float32))
+    assert picture.shape == image.shape
+    assert np.isfinite(picture).all()
+    assert picture.min() >= image.min() - 1e-5
+    assert picture.max() <= image.max() + 1e-5
 
 
 def test_blur_far_beyond_the_picture_is_fine():
     image, defocus = half_plane(1e7, -300.0, size=40)
-    got = rays(image, defocus)
-    assert np.isfinite(got).all()
-    assert got.min() >= image.min() - 1e-4
-    assert got.max() <= image.max() + 1e-4
+    picture = rays(image, defocus)
+    assert np.isfinite(picture).all()
+    assert picture.min() >= image.min() - 1e-4
+    assert picture.max() <= image.max() + 1e-4
 
 
 def test_strips_leave_no_seam(monkeypatch):
@@ -174,8 +174,8 @@ def test_an_aperture_picture_is_upright_behind_focus_and_turned_before_it():
     for front in (12.0, -12.0):
         image, defocus = np.zeros((64, 64, 3), np.float32), np.full((64, 64), -30.0, np.float32)
         image[30:34, 30:34], defocus[20:44, 20:44] = 1.0, front
-        got = rays(image, defocus, aperture=Aperture(picture=half))[..., 0]
-        centre = (got * np.arange(64)).sum() / got.sum() - 31.5
+        picture = rays(image, defocus, aperture=Aperture(picture=half))[..., 0]
+        centre = (picture * np.arange(64)).sum() / picture.sum() - 31.5
         assert centre * np.sign(front) < -3.0
 
 

@@ -139,8 +139,8 @@ def test_numbers_out_of_float_range_are_reported_in_one_line(tmp_path):
     )
     assert done.returncode == 1
     lines = done.stderr.splitlines()
-    told = [line for line in lines if line.startswith("bokehnet: ") and "compiling" not in line]  # no bars
-    assert [line[:16] for line in told] == ["bokehnet: error:"]
+    reports = [line for line in lines if line.startswith("bokehnet: ") and "compiling" not in line]  # no bars
+    assert [line[:16] for line in reports] == ["bokehnet: error:"]
     assert "expected finite values" in done.stderr
 
 

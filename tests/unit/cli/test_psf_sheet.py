@@ -23,11 +23,11 @@ def test_the_sheet_shows_traced_and_reduced_side_by_side(cli, tmp_path, quick):
     out = tmp_path / "sheet.png"
     outcome = cli("lens", "biconvex", "--focus", 2, "--f-number", 11, "--psf-sheet", out)
     assert outcome.code == 0, outcome.err
-    told = re.search(
+    match = re.search(
         r"blur of points +modelled against traced: correlation (0\.\d+), worst (0\.\d+)", outcome.out
     )
-    assert told is not None
-    assert 0.75 < float(told[2]) <= float(told[1]) <= 1
+    assert match is not None
+    assert 0.75 < float(match[2]) <= float(match[1]) <= 1
     sheet = read_image(out)
     side, gap, strip, between = 256, 12, 34, 6
     assert sheet.shape == (gap + 3 * (side + strip + gap), gap + 3 * (2 * side + between + gap), 3)
@@ -37,8 +37,8 @@ def test_the_sheet_shows_traced_and_reduced_side_by_side(cli, tmp_path, quick):
             traced = sheet[top : top + side, left : left + side]
             reduced = sheet[top : top + side, left + side + between : left + 2 * side + between]
             assert traced.max() > 0.5
-            alike = (traced * reduced).sum() / np.sqrt((traced**2).sum() * (reduced**2).sum())
-            assert alike > 0.7
+            equal = (traced * reduced).sum() / np.sqrt((traced**2).sum() * (reduced**2).sum())
+            assert equal > 0.7
 
 
 @pytest.mark.parametrize("name", ["nowhere/out.png", "sheet.psd"])

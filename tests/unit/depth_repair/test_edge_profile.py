@@ -127,10 +127,10 @@ def test_the_repair_leaves_right_edges_between_equal_textures():
     disparity = np.zeros((200, 260), np.float32)
     disparity[50:150, 80:180] = 1
     image = np.where(disparity > 0, texture(1, (3, 200, 260)), texture(2, (3, 200, 260)))
-    found = DisparityRepair().repair(image.transpose(1, 2, 0), disparity, "auto")
-    assert found.plan.shift == 0
-    assert found.plan.offset == (0, 0)
-    assert np.mean(found.disparity != disparity) < 0.002
+    result = DisparityRepair().repair(image.transpose(1, 2, 0), disparity, "auto")
+    assert result.plan.shift == 0
+    assert result.plan.offset == (0, 0)
+    assert np.mean(result.disparity != disparity) < 0.002
 
 
 @pytest.mark.slow
@@ -139,8 +139,8 @@ def test_the_repair_keeps_the_edges_of_an_accurate_map_by_plane_sweep(shared):
     folder = shared("real_lens/shop_seller/disparity.png").parent
     image = read_image(folder / "input.png")
     disparity = read_disparity(folder / "disparity.png")
-    found = DisparityRepair().repair(image, disparity, "auto")
-    assert found.plan.shift == 0
-    assert found.plan.offset == (0, 0)
+    result = DisparityRepair().repair(image, disparity, "auto")
+    assert result.plan.shift == 0
+    assert result.plan.offset == (0, 0)
     near = shift_edges(disparity, 4) - shift_edges(disparity, -4) > 0.05
-    assert (np.abs(found.disparity - disparity) > 0.05)[near].mean() < 0.05
+    assert (np.abs(result.disparity - disparity) > 0.05)[near].mean() < 0.05

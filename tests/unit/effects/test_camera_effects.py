@@ -36,23 +36,23 @@ def test_the_lens_comes_first_then_its_shade_then_the_sensor():
     field = view.field(slice(0, 40), 60, IMAGE)
     warped = Warp(distortion=EVERYTHING.distortion, lateral=0.004).apply(IMAGE)
     factor = cos4_factor(field, 35) * rim_factor(field, 0.8) * EVERYTHING.vignette.factor(field, 1.5)
-    wanted = EVERYTHING.grain.add(warped * factor[..., None].astype(np.float32), frame=3)
-    found = EVERYTHING.apply(IMAGE, frame=3)
-    assert found.dtype == np.float32
-    assert_allclose(found, wanted, atol=1e-6)
-    assert np.abs(found - EVERYTHING.apply(IMAGE, frame=4)).max() > 0.01
+    expected = EVERYTHING.grain.add(warped * factor[..., None].astype(np.float32), frame=3)
+    result = EVERYTHING.apply(IMAGE, frame=3)
+    assert result.dtype == np.float32
+    assert_allclose(result, expected, atol=1e-6)
+    assert np.abs(result - EVERYTHING.apply(IMAGE, frame=4)).max() > 0.01
 
 
 def test_alpha_moves_with_green_and_is_neither_darkened_nor_grained():
     alpha = np.zeros((40, 60, 1), np.float32)
     alpha[10:30, 5:40] = 1
     layer = np.concatenate([IMAGE * alpha, alpha], -1)
-    found = EVERYTHING.apply(layer)
+    result = EVERYTHING.apply(layer)
     moved = Warp(distortion=EVERYTHING.distortion).apply(alpha)
     lens_only = Warp(distortion=EVERYTHING.distortion, lateral=0.004)
-    assert_allclose(found[..., 3:], lens_only.apply(layer)[..., 3:], atol=1e-7)
+    assert_allclose(result[..., 3:], lens_only.apply(layer)[..., 3:], atol=1e-7)
     assert np.abs(moved - alpha).max() > 0
-    empty = found[..., 3] == 0
+    empty = result[..., 3] == 0
     assert empty.sum() > 200
     bare = dataclasses.replace(EVERYTHING, lateral=0.0).apply(layer)
     assert_array_equal(bare[bare[..., 3] == 0], 0)
@@ -143,20 +143,20 @@ def test_colour_that_a_vignette_takes_comes_back_and_alpha_stays(kind):
     vignette = Vignette(stops=0.5, color_loss=0.8)
     effects = CameraEffects(vignette=vignette)
     layer = np.concatenate([IMAGE, np.full((40, 60, 1), 0.5, np.float32)], -1)
-    given = layer if kind == "numpy" else torch.from_numpy(layer)
-    found = effects.apply(given)
-    assert_array_equal(np.asarray(found)[..., 3], 0.5)
-    corner, middle = np.asarray(found)[0, 0, :3], np.asarray(found)[20, 30, :3]
+    original = layer if kind == "numpy" else torch.from_numpy(layer)
+    result = effects.apply(original)
+    assert_array_equal(np.asarray(result)[..., 3], 0.5)
+    corner, middle = np.asarray(result)[0, 0, :3], np.asarray(result)[20, 30, :3]
     assert_allclose(middle, IMAGE[20, 30])
-    wanted = 0.2126 * IMAGE[0, 0, 0] + 0.7152 * IMAGE[0, 0, 1] + 0.0722 * IMAGE[0, 0, 2]
+    expected = 0.2126 * IMAGE[0, 0, 0] + 0.7152 * IMAGE[0, 0, 1] + 0.0722 * IMAGE[0, 0, 2]
     darker = vignette.factor(Viewport.of(IMAGE).field(slice(0, 1), 60, IMAGE), 1.5)[0, 0]
     left = 1 - 0.8 * np.log2(darker) / -0.5  # the factor is 2^(-stops m)
-    assert_allclose(corner, darker * (wanted + left * (IMAGE[0, 0] - wanted)), rtol=1e-4)
-    assert_allclose(np.asarray(effects.undo(found)), layer, atol=1e-5)
+    assert_allclose(corner, darker * (expected + left * (IMAGE[0, 0] - expected)), rtol=1e-4)
+    assert_allclose(np.asarray(effects.undo(result)), layer, atol=1e-5)
 
 
 def test_a_grey_corner_stays_grey_when_undone():
     effects = CameraEffects(vignette=Vignette(stops=0.0, color_loss=1.0, radius=0.0, softness=0.05))
-    found = effects.undo(effects.apply(IMAGE))
-    assert_allclose(found[0, 0], found[0, 0, 0], rtol=1e-5)
-    assert np.isfinite(found).all()
+    result = effects.undo(effects.apply(IMAGE))
+    assert_allclose(result[0, 0], result[0, 0, 0], rtol=1e-5)
+    assert np.isfinite(result).all()

@@ -41,9 +41,9 @@ def test_light_lands_where_the_model_sends_it(model, place):
     view = Viewport(width=160, height=120)
     image, warp = lamp(view, place), Warp(distortion=model)
     scale = warp.scale(image, view)
-    wanted = model.distort(np.asarray(place) / scale)
-    found = centroid(view, warp.apply(image)[..., 1])
-    assert_allclose(found, wanted, atol=0.1 / view.half_diagonal)
+    expected = model.distort(np.asarray(place) / scale)
+    result = centroid(view, warp.apply(image)[..., 1])
+    assert_allclose(result, expected, atol=0.1 / view.half_diagonal)
 
 
 def test_blue_goes_out_and_red_in():
@@ -53,8 +53,8 @@ def test_blue_goes_out_and_red_in():
     scale = warp.scale(image, view)
     result = warp.apply(image)
     for channel, magnification in enumerate((0.98, 1.0, 1.02)):
-        found = centroid(view, result[..., channel])
-        assert_allclose(found, place * magnification / scale, atol=0.02 / view.half_diagonal)
+        actual = centroid(view, result[..., channel])
+        assert_allclose(actual, place * magnification / scale, atol=0.02 / view.half_diagonal)
 
 
 @pytest.mark.parametrize(("width", "height"), [(160, 120), (90, 160), (200, 30), (7, 5)])

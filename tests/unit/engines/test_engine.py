@@ -56,9 +56,11 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
     networks = {"arnet": arnet.eval(), "iunet": iunet.eval()}
     with torch.no_grad():
-        wanted = render_neural(*tensors, error_map, **networks, network_max_radius=10.0, leaves_outlines=True)
-    assert_allclose(result.bokeh, wanted.bokeh[0].permute(1, 2, 0).numpy(), atol=1e-4)
-    assert_allclose(result.error_map, wanted.error_map[0, 0].numpy(), atol=1e-4)
+        expected = render_neural(
+            *tensors, error_map, **networks, network_max_radius=10.0, leaves_outlines=True
+        )
+    assert_allclose(result.bokeh, expected.bokeh[0].permute(1, 2, 0).numpy(), atol=1e-4)
+    assert_allclose(result.error_map, expected.error_map[0, 0].numpy(), atol=1e-4)
 
 
 def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
@@ -153,12 +155,13 @@ PENTAGON = Aperture(blades=5, rotation=20)
 
 
 @pytest.mark.parametrize(
-    ("engine", "wanted"), [("scatter", scatter_of), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
+    ("engine", "expected"),
+    [("scatter", scatter_of), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))],
 )
-def test_the_aperture_reaches_the_engine(engine, wanted):
+def test_the_aperture_reaches_the_engine(engine, expected):
     image, defocus = picture(40, 50, 8)
     result = BokehRenderer(engine, aperture=PENTAGON).render_arrays(image, defocus)
-    assert_array_equal(result.bokeh, wanted(image, defocus, PENTAGON))
+    assert_array_equal(result.bokeh, expected(image, defocus, PENTAGON))
     assert np.abs(result.bokeh - BokehRenderer(engine).render_arrays(image, defocus).bokeh).max() > 0.01
 
 
@@ -170,9 +173,9 @@ def test_gamma_is_the_curve_around_the_engine(engine):
     curve = gamma_curve(image, 2.5)
     renderer = BokehRenderer(engine)
     result = renderer.render_arrays(image, defocus, options=RenderOptions(gamma=2.5))
-    wanted = curve.decode(renderer.render_arrays(curve.encode(image), defocus).bokeh)
-    assert_array_equal(result.bokeh, wanted)
-    assert_array_equal(result.classical, wanted)
+    expected = curve.decode(renderer.render_arrays(curve.encode(image), defocus).bokeh)
+    assert_array_equal(result.bokeh, expected)
+    assert_array_equal(result.classical, expected)
     assert result.bokeh.dtype == np.float32
     assert result.bokeh.mean() > 1.2 * renderer.render_arrays(image, defocus).bokeh.mean()
 

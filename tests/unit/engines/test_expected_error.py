@@ -1,4 +1,4 @@
-"""What error is to be expected of the rays: where it is told, and that it tells something."""
+"""Expected error of the rays: outputs that contain it, and its agreement with the true error."""
 
 from dataclasses import replace
 
@@ -22,30 +22,30 @@ from tests.unit.engines.test_coarse_to_fine import picture
 
 def test_an_exr_holds_it_as_a_channel_where_that_is_requested(tmp_path):
     image, defocus = picture(31, 43, 5)
-    told = BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(expected_error=True))
-    told.save(tmp_path / "plain.exr")
-    asked = replace(told, output=OutputSettings(expected_error="on"))
-    asked.save(tmp_path / "told.exr")
-    asked.save(tmp_path / "told.png")
+    result = BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(expected_error=True))
+    result.save(tmp_path / "plain.exr")
+    requested = replace(result, output=OutputSettings(expected_error="on"))
+    requested.save(tmp_path / "errors.exr")
+    requested.save(tmp_path / "errors.png")
     assert set(read_channels(tmp_path / "plain.exr").channels) == set("RGB")
-    stored = read_channels(tmp_path / "told.exr").channels
+    stored = read_channels(tmp_path / "errors.exr").channels
     assert set(stored) == {*"RGB", "expected_error"}
-    assert_allclose(stored["expected_error"], told.expected_error, rtol=1e-3)  # half
+    assert_allclose(stored["expected_error"], result.expected_error, rtol=1e-3)  # half
 
 
 @pytest.mark.parametrize("engine", ["rays", "hybrid"])
 def test_it_is_computed_for_every_pixel_and_only_on_request(engine):
     image, defocus = picture(61, 83, 9)
     renderer = BokehRenderer(engine)
-    plain, told = (
+    plain, result = (
         renderer.render_arrays(image, defocus),
         renderer.render_arrays(image, defocus, options=RenderOptions(expected_error=True)),
     )
     assert plain.expected_error is None
-    assert_array_equal(told.bokeh, plain.bokeh)
-    assert told.expected_error.shape == (61, 83)
-    assert told.expected_error.dtype == np.float32
-    assert 0.04 < told.expected_error.min() <= told.expected_error.max() <= 128
+    assert_array_equal(result.bokeh, plain.bokeh)
+    assert result.expected_error.shape == (61, 83)
+    assert result.expected_error.dtype == np.float32
+    assert 0.04 < result.expected_error.min() <= result.expected_error.max() <= 128
 
 
 def test_a_hybrid_reports_the_values_of_its_rays():
@@ -71,20 +71,20 @@ def test_strips_report_the_values_of_the_whole():
 @pytest.mark.parametrize("light", [0.0, 1.0, 1e5])
 def test_it_is_finite_whatever_the_picture(height, width, light):
     image, defocus = picture(height, width, 90.0)  # seen halved twice
-    found = (
+    result = (
         Engine("rays")
         .render(light * image, defocus, options=RenderOptions(expected_error=True))
         .expected_error
     )
-    assert found.shape == (height, width)
-    assert np.isfinite(found).all()
+    assert result.shape == (height, width)
+    assert np.isfinite(result).all()
 
 
 def test_a_small_copy_is_enlarged_as_the_whole_at_once():
     """Oracle: doublings of the whole map; 130 rows are three bands."""
     small = np.random.default_rng(0).random((130, 8), dtype=np.float32)
-    wanted = crop_to(upsample2(upsample2(small)), 517, 31)
-    assert_allclose(_enlarged(small, 2, 517, 31), wanted, rtol=1e-6)
+    expected = crop_to(upsample2(upsample2(small)), 517, 31)
+    assert_allclose(_enlarged(small, 2, 517, 31), expected, rtol=1e-6)
     assert_array_equal(_enlarged(small, 0, 130, 7), small[:, :7])
 
 
@@ -116,8 +116,8 @@ def test_it_ranks_the_pixels_of_an_independent_renderer(shared):
     result = Engine("rays").render(
         shot.image, shot.defocus, options=RenderOptions(aperture=shot.aperture, expected_error=True)
     )
-    found, wanted = (linear_to_srgb(np.clip(x, 0, 1)) for x in (result.bokeh, shot.truth))
-    true = 255 * np.abs(found - wanted).mean(-1)  # levels
+    actual, expected = (linear_to_srgb(np.clip(x, 0, 1)) for x in (result.bokeh, shot.truth))
+    true = 255 * np.abs(actual - expected).mean(-1)  # levels
     near = result.error_map > 0
     assert spearmanr(result.expected_error[near], true[near]).statistic > 0.3
     ratio = result.expected_error[near].mean() / true[near].mean()

@@ -31,7 +31,7 @@ def test_disparity_blur_and_focus_are_a_defocus():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({}, "defocus: expected either this, or `disparity`, `blur` and `focus`"),
         (
@@ -43,9 +43,9 @@ def test_disparity_blur_and_focus_are_a_defocus():
         ({"disparity": np.zeros((96, 120)), "blur": 1.0, "focus": np.nan}, "focus: expected a finite number"),
     ],
 )
-def test_half_a_defocus_is_refused(given, message):
+def test_half_a_defocus_is_refused(arguments, message):
     with pytest.raises(ParameterError, match=message):
-        BokehRenderer("scatter").render_arrays(picture()[0], **given)
+        BokehRenderer("scatter").render_arrays(picture()[0], **arguments)
 
 
 @pytest.mark.parametrize("names", [("max_memory", "memory_in_use"), ("max_memory", "memory_taken")])
@@ -55,24 +55,24 @@ def test_the_deprecated_call_with_arrays_gives_the_same_bits(names):
     renderer = BokehRenderer("scatter")
     distances = {"disparity": disparity, "blur": 12, "focus": 0.2}
     options = {"gamma": 2.0, **dict(zip(names, (2**30, 2**20), strict=True))}
-    wanted = renderer.render_arrays(
+    expected = renderer.render_arrays(
         image, **distances, options=RenderOptions(gamma=2.0, max_memory=2**30, memory_in_use=2**20)
     )
     with pytest.warns(DeprecationWarning, match="render_arrays"):
-        found = renderer.render(image, **distances, **options)
-    assert_array_equal(found.bokeh, wanted.bokeh)
+        result = renderer.render(image, **distances, **options)
+    assert_array_equal(result.bokeh, expected.bokeh)
     with pytest.warns(DeprecationWarning, match="render_arrays"):
-        found = renderer.render(image=image, defocus=defocus_from_disparity(disparity, 12, 0.2))
-    assert_array_equal(found.bokeh, renderer.render_arrays(image, **distances).bokeh)
+        result = renderer.render(image=image, defocus=defocus_from_disparity(disparity, 12, 0.2))
+    assert_array_equal(result.bokeh, renderer.render_arrays(image, **distances).bokeh)
 
 
 def test_options_of_the_call_replace_those_of_the_renderer():
     """Oracle: a renderer with that aperture."""
     image, disparity = picture()
     blades, arrays = Aperture(blades=5), {"disparity": disparity, "blur": 12, "focus": 0.2}
-    wanted = BokehRenderer("scatter", aperture=blades).render_arrays(image, **arrays).bokeh
-    found = BokehRenderer("scatter").render_arrays(image, **arrays, options=RenderOptions(aperture=blades))
-    assert_array_equal(found.bokeh, wanted)
+    expected = BokehRenderer("scatter", aperture=blades).render_arrays(image, **arrays).bokeh
+    result = BokehRenderer("scatter").render_arrays(image, **arrays, options=RenderOptions(aperture=blades))
+    assert_array_equal(result.bokeh, expected)
     with pytest.raises(ParameterError, match="options: expected RenderOptions or None"):
         BokehRenderer("scatter").render_arrays(image, **arrays, options={"gamma": 2})
 

@@ -190,7 +190,7 @@ def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine,
     alone = Engine(engine).render(*cut, options=RenderOptions(**lens)).bokeh
     inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
     expected = whole[top:, left:][inner]
-    error = [np.sqrt(np.mean((found[inner] - expected) ** 2)) for found in (placed, alone)]
+    error = [np.sqrt(np.mean((result[inner] - expected) ** 2)) for result in (placed, alone)]
     assert error[0] < (1e-5 if engine == "scatter" else 0.02)
     assert error[1] > 1.5 * error[0]
 
@@ -227,14 +227,14 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     renderer = BokehRenderer(engine)
     before = image.copy(), defocus.copy()
-    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    separate = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert np.array_equal(image, before[0])
     assert np.array_equal(defocus, before[1])
     over = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory, overwrite=True))
     assert over.bokeh is image
     assert over.error_map is defocus
-    assert np.array_equal(over.bokeh, beside.bokeh)
-    assert np.array_equal(over.error_map, beside.error_map)
+    assert np.array_equal(over.bokeh, separate.bokeh)
+    assert np.array_equal(over.error_map, separate.error_map)
 
 
 def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
@@ -243,14 +243,14 @@ def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
     before = defocus.copy()
     memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     renderer = BokehRenderer("fast")
-    beside = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    separate = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     over = renderer.render_arrays(
         image, defocus, options=RenderOptions(max_memory=memory + defocus.nbytes, overwrite=True)
     )
     assert over.bokeh is image
     assert np.array_equal(defocus, before)
-    assert np.array_equal(over.bokeh, beside.bokeh)
-    assert np.array_equal(over.error_map, beside.error_map)
+    assert np.array_equal(over.bokeh, separate.bokeh)
+    assert np.array_equal(over.error_map, separate.error_map)
 
 
 def test_what_cannot_be_written_to_is_left_alone():
@@ -267,7 +267,7 @@ def test_what_cannot_be_written_to_is_left_alone():
 
 
 def test_memory_that_is_taken_counts():
-    """What is left decides: the same strips, and the least is told in all."""
+    """The remaining memory decides: the same strips, and the minimum includes all memory."""
     left = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
     assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
         *cut_strips(1000, 80, 10, "rays", left)

@@ -1,4 +1,4 @@
-"""A hub of models on this machine: what ``huggingface_hub`` asks for, and nothing else."""
+"""A hub of models on this machine: the requests of ``huggingface_hub``, and nothing else."""
 
 import hashlib
 import json
@@ -67,8 +67,8 @@ def hub_server(files: dict[tuple[str, str], bytes]) -> Iterator[Hub]:
                 self.close_connection = True
                 return None
             begin = 0
-            if (wanted := self.headers.get("Range")) and body:
-                begin = int(wanted.removeprefix("bytes=").split("-")[0])
+            if (expected := self.headers.get("Range")) and body:
+                begin = int(expected.removeprefix("bytes=").split("-")[0])
                 head["Content-Range"] = f"bytes {begin}-{len(content) - 1}/{len(content)}"
             return self.tell(206 if begin else 200, content[begin:], head, body)
 
@@ -90,7 +90,7 @@ def hub_server(files: dict[tuple[str, str], bytes]) -> Iterator[Hub]:
             ]
             if not listed:
                 return self.tell(404, b"", {"X-Error-Code": "RepoNotFound"}, body)
-            told = {
+            reports = {
                 "_id": "1",
                 "id": repository,
                 "modelId": repository,
@@ -102,7 +102,7 @@ def hub_server(files: dict[tuple[str, str], bytes]) -> Iterator[Hub]:
                 "likes": 0,
                 "private": False,
             }
-            return self.tell(200, json.dumps(told).encode(), {"Content-Type": "application/json"}, body)
+            return self.tell(200, json.dumps(reports).encode(), {"Content-Type": "application/json"}, body)
 
         def tell(self, code: int, content: bytes, head: dict[str, str], body: bool) -> None:
             self.send_response(code)

@@ -328,7 +328,7 @@ def points_network(tmp_path):
             helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
             helper.make_node("Mul", ["mean", "zero"], ["nothing"]),
             helper.make_node("Cast", ["num_tokens"], ["tokens"], to=FLOAT),
-            helper.make_node("Div", ["tokens", "wanted"], ["one"]),  # 1 only where the convention told it
+            helper.make_node("Div", ["tokens", "wanted"], ["one"]),  # 1 only with this convention
             helper.make_node("Add", ["p", "nothing"], ["points"]),
             helper.make_node("Identity", ["m"], ["mask"]),
             helper.make_node("Mul", ["s", "one"], ["metric_scale"]),
@@ -358,9 +358,9 @@ def test_a_map_of_points_becomes_disparity_in_metres_and_no_surface_is_infinitel
     points[0, :5] = 0.9  # what a network says of sky means nothing
     estimator = DepthEstimator(points_network(points, ~sky), find_convention("moge-2"))
     assert estimator.metric
-    found = estimator(ramp(*depth.shape))
-    assert_allclose(found[sky], 0, atol=0)
-    assert_allclose(found[~sky], (1 / (2500 * depth))[~sky], rtol=2e-3)
+    result = estimator(ramp(*depth.shape))
+    assert_allclose(result[sky], 0, atol=0)
+    assert_allclose(result[~sky], (1 / (2500 * depth))[~sky], rtol=2e-3)
 
 
 def test_a_convention_that_names_another_output_is_refused(network, points_network):

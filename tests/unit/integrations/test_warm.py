@@ -63,7 +63,7 @@ def picture():
 
 
 def prepare_tables(path, image, depth, alpha=1.0):
-    """Write pixels as a plug-in lays them out, and what it tells of them."""
+    """Write pixels in the layout of a plug-in, and their description."""
     colors = np.concatenate([image, np.full((*depth.shape, 1), alpha, np.float32)], -1)
     path.write_bytes(colors.tobytes() + depth.tobytes() + bytes(colors.nbytes))
     sizes = {"width": depth.shape[1], "height": depth.shape[0]}
@@ -76,35 +76,37 @@ def prepare_tables(path, image, depth, alpha=1.0):
     }
 
 
-def result_in(path, told):
-    stored = np.frombuffer(path.read_bytes(), np.float32, HEIGHT * WIDTH * 4, told["result"])
+def result_in(path, response):
+    stored = np.frombuffer(path.read_bytes(), np.float32, HEIGHT * WIDTH * 4, response["result"])
     return stored.reshape(HEIGHT, WIDTH, 4)
 
 
 def test_shared_pixels_are_rendered_as_arrays_are(warm, picture, tmp_path):
     image, depth = picture
-    told = prepare_tables(tmp_path / "shared", image, depth)
-    answer = warm.ask(id=1, pixels=told, settings=LENS)
-    wanted = BokehRenderer().render(make_scene(image, MetricDepth(map=depth)), RenderSettings().updated(LENS))
-    found = result_in(tmp_path / "shared", told)
-    assert np.array_equal(found[..., :3], wanted.bokeh)
-    assert (found[..., 3] == 1).all()
-    assert answer["result"]["largest_blur"] == pytest.approx(wanted.report.largest_blur)
+    message = prepare_tables(tmp_path / "shared", image, depth)
+    answer = warm.ask(id=1, pixels=message, settings=LENS)
+    expected = BokehRenderer().render(
+        make_scene(image, MetricDepth(map=depth)), RenderSettings().updated(LENS)
+    )
+    result = result_in(tmp_path / "shared", message)
+    assert np.array_equal(result[..., :3], expected.bokeh)
+    assert (result[..., 3] == 1).all()
+    assert answer["result"]["largest_blur"] == pytest.approx(expected.report.largest_blur)
 
 
 def test_one_over_z_is_the_same_scene(warm, picture, tmp_path):
     image, depth = picture
-    told = prepare_tables(tmp_path / "shared", image, 1 / depth)
-    assert "result" in warm.ask(id=2, pixels={**told, "kind": "1/z"}, settings=LENS)
+    message = prepare_tables(tmp_path / "shared", image, 1 / depth)
+    assert "result" in warm.ask(id=2, pixels={**message, "kind": "1/z"}, settings=LENS)
     plain = prepare_tables(tmp_path / "plain", image, depth)
     warm.ask(id=3, pixels=plain, settings=LENS)
-    assert np.abs(result_in(tmp_path / "shared", told) - result_in(tmp_path / "plain", plain)).max() < 1e-4
+    assert np.abs(result_in(tmp_path / "shared", message) - result_in(tmp_path / "plain", plain)).max() < 1e-4
 
 
 def test_a_crop_has_its_stated_position(picture, tmp_path):
     image, depth = picture
-    told = prepare_tables(tmp_path / "shared", image, depth)
-    with SharedPixels.opened({**told, "kind": "defocus", "x": 7, "y": -3, "display_width": 99}) as pixels:
+    message = prepare_tables(tmp_path / "shared", image, depth)
+    with SharedPixels.opened({**message, "kind": "defocus", "x": 7, "y": -3, "display_width": 99}) as pixels:
         scene = pixels.scene()
     assert (scene.window.x, scene.window.y, scene.window.display_width) == (7, -3, 99)
     assert np.array_equal(scene.depth.values, make_scene(image, DefocusMap(map=depth)).depth.values)
@@ -119,8 +121,10 @@ def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_requested(warm
     settings = {**LENS, "input": {"depth": str(tmp_path / "z.exr")}, "output": {"bits": "float"}}
     files = {"picture": str(tmp_path / "in.exr"), "output": str(tmp_path / "out.exr")}
     assert "result" in warm.ask(id=4, settings=settings, plain=True, **files)
-    wanted = BokehRenderer().render(make_scene(image, MetricDepth(map=depth)), RenderSettings().updated(LENS))
-    assert np.array_equal(read_image(tmp_path / "out.exr"), wanted.bokeh)
+    expected = BokehRenderer().render(
+        make_scene(image, MetricDepth(map=depth)), RenderSettings().updated(LENS)
+    )
+    assert np.array_equal(read_image(tmp_path / "out.exr"), expected.bokeh)
     assert set(read_channels(tmp_path / "out.exr").channels) == set("RGB")
 
 
@@ -140,11 +144,11 @@ def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_requested(warm
 def test_mistakes_are_reported_by_field_and_the_next_request_is_answered(
     warm, picture, tmp_path, change, parameter
 ):
-    told = prepare_tables(tmp_path / "shared", *picture)
-    request = {"id": 5, "pixels": told, "settings": LENS}
+    message = prepare_tables(tmp_path / "shared", *picture)
+    request = {"id": 5, "pixels": message, "settings": LENS}
     if "pixels" in change:
         pixels = change["pixels"]
-        change = {**change, "pixels": {**told, **pixels}} if pixels else change
+        change = {**change, "pixels": {**message, **pixels}} if pixels else change
     request |= change
     if request["pixels"] is None:
         del request["pixels"]
@@ -152,7 +156,7 @@ def test_mistakes_are_reported_by_field_and_the_next_request_is_answered(
     assert error["parameter"] == parameter
     assert error["expected"]
     assert "\n" not in error["message"]
-    assert "result" in warm.ask(id=6, pixels=told, settings=LENS)
+    assert "result" in warm.ask(id=6, pixels=message, settings=LENS)
 
 
 def test_an_invalid_request_line_is_reported(warm):
@@ -161,10 +165,10 @@ def test_an_invalid_request_line_is_reported(warm):
 
 
 def test_a_cancel_that_comes_late_is_not_for_the_next_request(warm, picture, tmp_path):
-    told = prepare_tables(tmp_path / "shared", *picture)
-    assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
+    message = prepare_tables(tmp_path / "shared", *picture)
+    assert "result" in warm.ask(id=10, pixels=message, settings=LENS)
     warm.say(json.dumps({"cancel": 10}))
-    assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
+    assert "result" in warm.ask(id=10, pixels=message, settings=LENS)
 
 
 def test_lines_of_two_threads_are_whole():
@@ -185,9 +189,9 @@ def test_lines_of_two_threads_are_whole():
 
 
 def test_a_request_that_waits_is_cancelled(warm, picture, tmp_path):
-    told = prepare_tables(tmp_path / "shared", *picture)
-    warm.say(json.dumps({"id": 8, "pixels": told, "settings": LENS}))
-    warm.say(json.dumps({"id": 9, "pixels": told, "settings": LENS}))
+    message = prepare_tables(tmp_path / "shared", *picture)
+    warm.say(json.dumps({"id": 8, "pixels": message, "settings": LENS}))
+    warm.say(json.dumps({"id": 9, "pixels": message, "settings": LENS}))
     warm.say(json.dumps({"cancel": 9}))
     ends = {}
     while 9 not in ends:

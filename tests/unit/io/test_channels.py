@@ -17,12 +17,12 @@ def test_all_channels_and_attributes_come_back_exactly(tmp_path):
     depth = np.full((5, 7), 2.5, np.float32)
     depth[0] = np.inf
     write_channels(tmp_path / "a.exr", {**CHANNELS, "Z": depth}, {"bokehnet:samples": "17"})
-    found = read_channels(tmp_path / "a.exr")
-    assert set(found.channels) == {*CHANNELS, "Z"}
+    channels = read_channels(tmp_path / "a.exr")
+    assert set(channels.channels) == {*CHANNELS, "Z"}
     for name, values in CHANNELS.items():
-        assert np.array_equal(found.channels[name], values)
-    assert np.array_equal(found.channels["Z"], depth)
-    assert found.attributes["bokehnet:samples"] == "17"
+        assert np.array_equal(channels.channels[name], values)
+    assert np.array_equal(channels.channels["Z"], depth)
+    assert channels.attributes["bokehnet:samples"] == "17"
 
 
 def test_other_readers_find_picture_and_depth(tmp_path):

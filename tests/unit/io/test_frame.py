@@ -184,10 +184,10 @@ def chunks(path):
     headers, data = read_headers(path), path.read_bytes()
     counts = [struct.unpack("<i", part["chunkCount"].data)[0] for part in headers.parts]
     offsets = struct.unpack_from(f"<{sum(counts)}Q", data, headers.end)
-    found = [[] for _ in counts]
+    results = [[] for _ in counts]
     for begin, end in zip(sorted(offsets), [*sorted(offsets)[1:], len(data)], strict=True):
-        found[struct.unpack_from("<i", data, begin)[0]].append(data[begin:end])
-    return found
+        results[struct.unpack_from("<i", data, begin)[0]].append(data[begin:end])
+    return results
 
 
 def test_deep_parts_pass_through(tmp_path):
@@ -489,8 +489,8 @@ def test_earlier_names_of_keywords_still_work(tmp_path, store):
     expected = read_channels(tmp_path / "now.exr")
     assert set(expected) == {"R", "G", "B", "doubt"}
     for name in ("before.exr", "image.exr"):
-        found = read_channels(tmp_path / name)
-        assert all(np.array_equal(found[key][1], expected[key][1]) for key in expected)
+        channels = read_channels(tmp_path / name)
+        assert all(np.array_equal(channels[key][1], expected[key][1]) for key in expected)
 
 
 @pytest.mark.parametrize("name", ["ink.jpg", "ink.tif"])

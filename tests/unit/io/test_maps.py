@@ -244,18 +244,18 @@ def test_real_maps_are_read(shared):
 def test_a_slope_stays_a_slope_at_any_factor(size):
     """Authority: pixel centres at (i + 1/2) of N; between the outermost ones a slope is linear."""
     values = np.add.outer(np.arange(40) / 40, np.arange(67) / 67).astype(np.float32)
-    found = resize_map(values, *size)
+    resized = resize_map(values, *size)
     rows = np.clip((np.arange(size[0]) + 0.5) / size[0] * 40 - 0.5, 0, 39) / 40
     columns = np.clip((np.arange(size[1]) + 0.5) / size[1] * 67 - 0.5, 0, 66) / 67
-    assert_allclose(found, np.add.outer(rows, columns), atol=1e-5)
+    assert_allclose(resized, np.add.outer(rows, columns), atol=1e-5)
 
 
 @pytest.mark.parametrize("factor", [3, 5, 7])
 def test_a_step_stays_a_step_in_its_place_at_odd_factors(factor):
     values = np.zeros((5, 8), np.float32)
     values[:, 3:] = 1
-    found = resize_map(values, 5 * factor, 8 * factor)
-    assert_array_equal(found, np.repeat(np.repeat(values, factor, 0), factor, 1))
+    resized = resize_map(values, 5 * factor, 8 * factor)
+    assert_array_equal(resized, np.repeat(np.repeat(values, factor, 0), factor, 1))
 
 
 @pytest.mark.parametrize(("hidden", "noted"), [(0, False), (12, True), (96, False)])

@@ -71,9 +71,9 @@ def test_rays_fall_where_a_sequential_trace_with_reflections_has_them(name):
         passes = np.argwhere(ghost.fill <= 1)
         for row, column in passes[:6]:
             start = (axis[column], axis[row])
-            wanted = sequential(lens, slope, start, *ghost.surfaces)
-            assert wanted is not None
-            apart = np.abs(ghost.place[row, column] - wanted).max()
+            expected = sequential(lens, slope, start, *ghost.surfaces)
+            assert expected is not None
+            apart = np.abs(ghost.place[row, column] - expected).max()
             assert apart < 1e-6 * lens.prescription.image_radius
             seen += 1
     assert seen > 50

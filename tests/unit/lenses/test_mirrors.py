@@ -85,7 +85,7 @@ def test_the_middle_of_a_mirror_lens_is_dark_where_its_rays_are() -> None:
     aberrations = fit_aberration_map(lens, wavelengths=())
     dark = [rim for rim in aberrations.vignetting_apertures if rim[1] < 0]
     assert len(dark) == 1
-    # The back of the secondary mirror over the entrance pupil, both told by the source.
+    # The back of the secondary mirror over the entrance pupil, both from the source.
     assert -dark[0][1] == pytest.approx(25 / abs(lens.paraxial.entrance.radius), abs=0.01)
     pupil = np.array([[0.1, 0.0], [0.6, 0.0], [1.2, 0.0]])
     assert aberrations(pupil, np.zeros((3, 2)))[2].tolist()[:2] == [False, True]
@@ -126,19 +126,19 @@ def test_the_catadioptric_lens_is_as_published() -> None:
 
 
 @njit
-def _kept(us, vs, radius, found):  # type: ignore[no-untyped-def]
+def _kept(us, vs, radius, result):  # type: ignore[no-untyped-def]
     one = broadcast8(np.float32(1))
-    store8(found, 0, keep_within(load8(us, 0), load8(vs, 0), np.float32(0.1), np.float32(0), radius, one))
+    store8(result, 0, keep_within(load8(us, 0), load8(vs, 0), np.float32(0.1), np.float32(0), radius, one))
 
 
 def test_kernels_know_what_is_dark_inside() -> None:
     places = np.linspace(-0.7, 0.7, 8).astype(np.float32)
     for radius in (0.45, -0.45):
-        found = np.zeros(8, np.float32)
-        _kept(places, 0 * places, radius, found)
+        result = np.zeros(8, np.float32)
+        _kept(places, 0 * places, radius, result)
         inside = np.abs(places - 0.1) <= 0.45
-        assert (found == (inside if radius > 0 else ~inside)).all()
+        assert (result == (inside if radius > 0 else ~inside)).all()
         soft = [passing(np.array([[0.1, radius]]), float(u), 0.0, 1.0, 0.0, 1e6) for u in places]
-        assert soft == pytest.approx(found.tolist())
+        assert soft == pytest.approx(result.tolist())
         light = vignetting_shares(Aperture(), ((0.0, radius),))[0]
         assert light[0, 0] == pytest.approx(0.2025 if radius > 0 else 0.7975, abs=0.01)

@@ -116,8 +116,8 @@ def test_weights_without_vignetting_are_the_form_factor_of_the_exit_pupil():
     radius, distance = lens.paraxial.exit.radius, lens.sensor_position - lens.paraxial.exit.position
     for field in (0.0, 10.0, 20.0):
         weight = lens.sample_rays(np.tile([0.0, field], (256, 1)), UV).weight
-        wanted = disc_form_factor(field, distance, radius) * (distance / radius) ** 2
-        assert weight.mean() == pytest.approx(wanted, rel=5e-4)
+        expected = disc_form_factor(field, distance, radius) * (distance / radius) ** 2
+        assert weight.mean() == pytest.approx(expected, rel=5e-4)
 
 
 def test_the_middle_of_the_pupil_looks_from_the_origin():

@@ -39,8 +39,8 @@ def test_a_file_becomes_a_lens_with_the_focal_length_of_the_lens_makers_formula(
 )
 def test_a_glass_has_several_notations(file, glass):
     """The same glass, BK7, by name and by numbers."""
-    told = load_lens(file(HEAD + STOP + FRONT.replace('glass = "N-BK7"', glass) + BACK)).focal_length
-    assert told == pytest.approx(load_lens(file(HEAD + STOP + FRONT + BACK)).focal_length, rel=1e-5)
+    lens = load_lens(file(HEAD + STOP + FRONT.replace('glass = "N-BK7"', glass) + BACK)).focal_length
+    assert lens == pytest.approx(load_lens(file(HEAD + STOP + FRONT + BACK)).focal_length, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_an_unknown_name_is_an_error_that_lists_the_catalog():
 
 
 def test_every_catalog_lens_has_a_source():
-    wanted = {"biconvex", "cooke_triplet", "double_gauss", "petzval", "retrofocus", "telephoto"}
-    assert wanted <= set(catalog_names())
+    expected = {"biconvex", "cooke_triplet", "double_gauss", "petzval", "retrofocus", "telephoto"}
+    assert expected <= set(catalog_names())
     for name in catalog_names():
         assert len(find_prescription(name).source) > 20
 

@@ -92,10 +92,10 @@ def test_a_stopped_down_lens_has_the_pencil_map_that_is_fitted_to_traced_rays(na
     pupil = disc_from_square(rng.random((300, 2)))
     field = rng.uniform(-0.7, 0.7, (300, 2))
     used = (420.0, lens.prescription.design_wavelength, 680.0)
-    expected, found = (np.array([m(pupil, field, w)[:2] for w in used]) for m in (fitted, theory))
+    expected, result = (np.array([m(pupil, field, w)[:2] for w in used]) for m in (fitted, theory))
     # What is left is of the fifth order: shares of the most there is to agree about at any wavelength, for in
     # the blue of a double Gauss axial colour takes away most of the spherical aberration.
-    left = np.abs(found - expected).max((0, 2, 3))
+    left = np.abs(result - expected).max((0, 2, 3))
     assert left[0] < 0.13 * np.abs(expected[:, 0]).max()
     assert left[1] < 0.06 * np.abs(expected[:, 1] - pupil).max()
 
@@ -119,17 +119,17 @@ def test_coefficients_are_those_of_born_and_wolf(name):
     """Oracle: their sums, by Abbe's invariants instead of two rays."""
     lens = make_lens(name)
     expected = in_half_diagonals(lens, born_and_wolf(lens))
-    found = reduce_lens(lens, wavelengths=[lens.prescription.design_wavelength]).image
-    assert_allclose(found.spherical, expected["B"], rtol=1e-9)
-    assert_allclose(found.coma, expected["F"], rtol=1e-9)
-    assert_allclose(found.astigmatism, expected["C"], rtol=1e-9)
-    assert_allclose(found.field_curvature, expected["D"], rtol=1e-9)
-    assert_allclose(found.distortion, expected["E"], rtol=1e-9)
+    result = reduce_lens(lens, wavelengths=[lens.prescription.design_wavelength]).image
+    assert_allclose(result.spherical, expected["B"], rtol=1e-9)
+    assert_allclose(result.coma, expected["F"], rtol=1e-9)
+    assert_allclose(result.astigmatism, expected["C"], rtol=1e-9)
+    assert_allclose(result.field_curvature, expected["D"], rtol=1e-9)
+    assert_allclose(result.distortion, expected["E"], rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", catalog_names(mirrors=False))
 def test_sums_with_the_half_before_the_first_term_only_are_not_those_of_traced_rays(name):
-    """What is printed in our source: D is wrong for every lens, and rays do not miss so."""
+    """As printed in the source, D is wrong for every lens, and disagrees with traced rays."""
     lens = make_lens(name)
     right, printed = (in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False))
     assert abs(printed["D"] / right["D"] - 1) > 0.5
@@ -138,8 +138,8 @@ def test_sums_with_the_half_before_the_first_term_only_are_not_those_of_traced_r
     zero, middle, _ = traced_lines(lens, field, 0 * aim, None)
     # Across the field at the same h: B a^3 + D h^2 a, where B is known.
     a = stop[0, 1] - zero[0, 1]
-    found = ((transverse_aberration - middle)[0, 1] / a - right["B"] * a * a) / 0.1**2
-    assert found == pytest.approx(right["D"], rel=0.06)
+    result = ((transverse_aberration - middle)[0, 1] / a - right["B"] * a * a) / 0.1**2
+    assert result == pytest.approx(right["D"], rel=0.06)
 
 
 def test_a_transfer_matrix_of_the_wrong_sign_gives_no_focal_length():
@@ -157,7 +157,7 @@ def test_seven_parameters_per_wavelength_are_those_of_gaussian_optics():
     for i in (0, 20, 63):
         prescription = dataclasses.replace(lens.prescription, design_wavelength=WAVELENGTHS[i])
         gauss = PrescriptionLens(prescription=prescription).paraxial
-        found = (
+        results = (
             reduced.focal_length[i],
             reduced.front_principal[i],
             reduced.rear_principal[i],
@@ -175,7 +175,7 @@ def test_seven_parameters_per_wavelength_are_those_of_gaussian_optics():
             gauss.exit.position,
             gauss.exit.radius,
         )
-        assert_allclose(found, expected, rtol=1e-12)
+        assert_allclose(results, expected, rtol=1e-12)
 
 
 def test_the_design_wavelength_is_in_focus_and_in_place():

@@ -24,8 +24,8 @@ def test_with_planes_and_pupils_in_one_place_it_is_the_thin_lens(focus, offset):
     assert thick.sensor_distance == pytest.approx(thin.sensor_distance)
     assert thick.coc_radius(1 / 300) == pytest.approx(thin.coc_radius(1 / 300))
     points = np.array([[20.0, 30.0, 400.0]])
-    for mine, theirs in zip(thick.image_of(points), thin.image_of(points), strict=True):
-        assert_allclose(mine, theirs)
+    for mine, reference in zip(thick.image_of(points), thin.image_of(points), strict=True):
+        assert_allclose(mine, reference)
 
 
 @pytest.mark.parametrize("principal_depth", [-30.0, 45.0])
@@ -39,8 +39,8 @@ def test_blur_is_what_rays_from_the_sensor_spread_at_the_scale_of_the_image(prin
     for depth in (350.0, 2000.0):
         _, behind = lens.image_of(np.array([0.0, 0.0, depth]))
         exit_radius = lens.pupil_radius * abs(lens.exit_magnification)
-        wanted = exit_radius * behind / (lens.exit_pupil_distance + behind)
-        assert lens.coc_radius(1 / depth) == pytest.approx(wanted, rel=1e-12)
+        expected = exit_radius * behind / (lens.exit_pupil_distance + behind)
+        assert lens.coc_radius(1 / depth) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("principal_depth", [-30.0, 45.0])

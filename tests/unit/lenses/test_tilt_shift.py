@@ -109,8 +109,8 @@ def test_tensors_work_and_have_gradients():
     camera = TiltShift(lens=THICK, tilt=(5.0, -3.0), shift=(1.0, 2.0))
     xy = torch.tensor([[3.0, -2.0], [0.0, 0.0]], dtype=torch.float64, requires_grad=True)
     uv = torch.tensor([[0.1, 0.5], [-0.3, 0.2]], dtype=torch.float64, requires_grad=True)
-    wanted = camera.sample_rays(xy.detach().numpy(), uv.detach().numpy())
-    assert_allclose(camera.sample_rays(xy, uv).slope.detach().numpy(), wanted.slope)
+    expected = camera.sample_rays(xy.detach().numpy(), uv.detach().numpy())
+    assert_allclose(camera.sample_rays(xy, uv).slope.detach().numpy(), expected.slope)
     assert torch.autograd.gradcheck(lambda a, b: camera.sample_rays(a, b).slope, (xy, uv))
 
 

@@ -86,10 +86,10 @@ def test_lamps_get_the_flux_of_their_halo():
     recovered = recover_light(stored(light)).image
     for row, column, *_ in places:
         around = (slice(row - 12, row + 13), slice(column - 12, column + 13))
-        given, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
-        assert np.all(given / true > 1 / 4.5), (row, column, given / true)
-        assert np.all(given / true < 2), (row, column, given / true)
-        assert np.all(stored(light)[around].sum((0, 1)) <= given)
+        original, true = recovered[around].sum((0, 1)), light[around].sum((0, 1))
+        assert np.all(original / true > 1 / 4.5), (row, column, original / true)
+        assert np.all(original / true < 2), (row, column, original / true)
+        assert np.all(stored(light)[around].sum((0, 1)) <= original)
 
 
 def test_lamps_keep_their_colour():
@@ -102,21 +102,42 @@ def test_lamps_keep_their_colour():
     assert flux[2] / flux[0] < 0.1
 
 
+@pytest.mark.parametrize("radiance", [1.6, 2.5, 3.2])
+@pytest.mark.parametrize("color", [(1.0, 0.24, 0.08), (0.1, 0.22, 1.0), (1.0, 0.55, 0.2)])
+def test_an_unclipped_channel_measures_a_lamp_of_one_colour(color, radiance):
+    """Truth: the flux of each lamp. Tail lights, neon and amber lamps clip in one or two channels."""
+    places = [(40.3, 40.1, 3.2, radiance), (40.2, 120.4, 3.6, radiance), (110.1, 80.2, 2.9, radiance)]
+    light = night(np.random.default_rng(6), places, color)
+    recovered = recover_light(stored(light)).image
+    for row, column, *_ in places:
+        y, x = round(row), round(column)
+        around = (slice(y - 8, y + 9), slice(x - 8, x + 9))
+        assert_allclose(recovered[around].sum((0, 1)), light[around].sum((0, 1)), rtol=0.25)
+
+
+def test_by_day_a_single_clipped_channel_is_left_alone():
+    """Saturated petals, clothes and skies clip in one channel."""
+    light = noisy(0.2, np.random.default_rng(7))
+    light[40:80, 60:140] *= np.array([8.0, 1.0, 0.5], np.float32)
+    given = stored(light)
+    assert recover_light(given).image is given
+
+
 def test_a_sky_behind_trees_is_brightened_and_bluish():
     light, near = sky(np.random.default_rng(4))
-    given = stored(light)
-    recovered = recover_light(given, near)
+    original = stored(light)
+    recovered = recover_light(original, near)
     assert_allclose(recovered.image[:80, 5].mean(), 4, rtol=0.7)
-    assert_array_equal(recovered.image[80:], given[80:])
+    assert_array_equal(recovered.image[80:], original[80:])
     assert recovered.note.endswith("x white")
 
 
 def test_strength_scales_the_excess():
     light, near = sky(np.random.default_rng(4))
-    given = stored(light)
-    whole, half = recover_light(given, near).image, recover_light(given, near, 0.5).image
-    assert_allclose(half - given, 0.5 * (whole - given), atol=1e-5)
-    assert recover_light(given, near, 0.0).image is given
+    original = stored(light)
+    whole, half = recover_light(original, near).image, recover_light(original, near, 0.5).image
+    assert_allclose(half - original, 0.5 * (whole - original), atol=1e-5)
+    assert recover_light(original, near, 0.0).image is original
 
 
 def _paper(rng):
@@ -220,10 +241,10 @@ def test_bright_matter_is_left_alone(name, seed, jpeg):
     light = NEGATIVES[name](rng)
     if jpeg:
         light = light + 0.01 * rng.standard_normal(light.shape)
-    given = stored(light)
+    original = stored(light)
     near = np.linspace(0, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
-    assert recover_light(given, near).image is given
-    assert recover_light(given).image is given
+    assert recover_light(original, near).image is original
+    assert recover_light(original).image is original
 
 
 @pytest.mark.parametrize(

@@ -84,10 +84,10 @@ def test_sessions_equal_torch_at_sizes_never_exported(exported, size):
     coarse = rng.random((1, 3, height // 2, width // 2), dtype=np.float32)
     tensors = [torch.from_numpy(x) for x in (image, defocus, classical)]
     with torch.no_grad():
-        wanted, wanted_map = arnet(*tensors, torch.from_numpy(features))
+        expected, wanted_map = arnet(*tensors, torch.from_numpy(features))
         wanted_fine = iunet(*tensors, torch.from_numpy(coarse), torch.from_numpy(features))
-    got, got_map = loaded.arnet(image, defocus, classical, features)
-    np.testing.assert_allclose(got, wanted.numpy(), atol=PARITY)
+    result, got_map = loaded.arnet(image, defocus, classical, features)
+    np.testing.assert_allclose(result, expected.numpy(), atol=PARITY)
     np.testing.assert_allclose(got_map, wanted_map.numpy(), atol=PARITY)
     got_fine = loaded.iunet(image, defocus, classical, coarse, features)
     np.testing.assert_allclose(got_fine, wanted_fine.numpy(), atol=PARITY)
@@ -106,7 +106,7 @@ def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
     """Format 1 with the old keys, and ONNX files whose input is called hints."""
     networks = random_networks("features")
     export_networks(networks, tmp_path, {"classical": "rays", "max_valid_radius": 26.0})
-    wanted = load_networks(tmp_path)
+    expected = load_networks(tmp_path)
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     manifest["unit"] = manifest.pop("network_max_radius")
     manifest["trusted_radius"] = manifest.pop("max_valid_radius")
@@ -124,8 +124,8 @@ def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
     assert (loaded.network_max_radius, loaded.max_valid_radius) == (10.0, 26.0)
     rng = np.random.default_rng(0)
     arrays = [rng.random((1, channels, 32, 48), dtype=np.float32) for channels in (3, 1, 3, 5)]
-    for got, value in zip(loaded.arnet(*arrays), wanted.arnet(*arrays), strict=True):
-        np.testing.assert_array_equal(got, value)
+    for result, value in zip(loaded.arnet(*arrays), expected.arnet(*arrays), strict=True):
+        np.testing.assert_array_equal(result, value)
 
 
 def test_checkpoints_of_earlier_versions_still_load(tmp_path):

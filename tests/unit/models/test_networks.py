@@ -23,7 +23,7 @@ def weights_of(network: nn.Module) -> int:
 
 
 def test_sizes_are_those_of_the_published_networks():
-    """Peng et al. 2022: about 0.92 M and 0.24 M; ours see the classical render as well unless told not to."""
+    """Peng et al. 2022: about 0.92 M and 0.24 M; ours see the classical render as well by default."""
     assert weights_of(ARNet(ARNetConfig(see_classical=False))) == pytest.approx(0.92e6, rel=0.03)
     assert weights_of(IUNet(IUNetConfig(see_classical=False))) == pytest.approx(0.24e6, rel=0.05)
 
@@ -48,8 +48,8 @@ def test_a_fresh_iunet_interpolates():
     image, defocus, classical = inputs()
     coarse = torch.rand(2, 3, 6, 8, generator=torch.Generator().manual_seed(1))
     bokeh = IUNet(IUNetConfig(width=8)).eval()(image, defocus, classical, coarse)
-    wanted = nn.functional.interpolate(encode(coarse), scale_factor=2, mode="bilinear")
-    torch.testing.assert_close(encode(bokeh), wanted)
+    expected = nn.functional.interpolate(encode(coarse), scale_factor=2, mode="bilinear")
+    torch.testing.assert_close(encode(bokeh), expected)
 
 
 def test_a_fresh_iunet_that_carries_detail_takes_it_from_the_classical_render():
@@ -80,9 +80,9 @@ def test_a_unet_takes_full_size_features_as_it_takes_unshuffled_ones():
     network = UNet(4 * 3, 1, (8, 12, 16)).double().eval()
     nn.init.normal_(network.head.weight)
     features = torch.rand(2, 3, 24, 32, dtype=torch.float64)
-    wanted = network(nn.functional.pixel_unshuffle(features, 2))
-    torch.testing.assert_close(network.from_full_size(features), wanted, rtol=1e-10, atol=1e-10)
-    assert wanted.abs().max() > 0.1
+    expected = network(nn.functional.pixel_unshuffle(features, 2))
+    torch.testing.assert_close(network.from_full_size(features), expected, rtol=1e-10, atol=1e-10)
+    assert expected.abs().max() > 0.1
 
 
 def test_a_unet_takes_the_place_of_the_row_of_blocks():
@@ -97,10 +97,10 @@ def test_a_unet_takes_the_place_of_the_row_of_blocks():
 
 def test_error_map_reaches_zero_and_one_exactly():
     network = ARNet(ARNetConfig(width=8)).eval()
-    for bias, wanted in ((-9.0, 0.0), (9.0, 1.0)):
+    for bias, expected in ((-9.0, 0.0), (9.0, 1.0)):
         nn.init.constant_(network.backbone.head.bias[12:], bias)
         _, error_map = network(*inputs())
-        assert error_map.unique().tolist() == [wanted]
+        assert error_map.unique().tolist() == [expected]
 
 
 def test_highlights_pass_unclipped_and_nothing_is_negative_in_evaluation():

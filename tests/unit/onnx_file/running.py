@@ -17,7 +17,7 @@ def start(model, threads=1):
 
 
 def compiled(build, *ranks, threads=1):
-    """What ``build(graph, *values)`` makes of float32 arrays of these ranks, as a function on arrays."""
+    """Return ``build(graph, *values)`` for float32 arrays of these ranks, as a function on arrays."""
     g = Graph()
     inputs = [
         g.input(f"in{i}", np.float32, [f"side{i}_{axis}" for axis in range(rank)])
@@ -29,8 +29,8 @@ def compiled(build, *ranks, threads=1):
 
     def call(*arrays):
         fed = {f"in{i}": np.ascontiguousarray(x, np.float32) for i, x in enumerate(arrays)}
-        found = session.run(None, fed)
-        return found if len(found) > 1 else found[0]
+        result = session.run(None, fed)
+        return result if len(result) > 1 else result[0]
 
     return call
 

@@ -33,20 +33,20 @@ def test_operators_mean_what_they_mean_in_numpy(formula):
 
 @pytest.mark.parametrize("name", ["max", "min", "sum", "mean"])
 def test_sums_go_along_axes(name):
-    found = compiled(lambda g, v: getattr(v, name)(1), 2)(X)
-    np.testing.assert_allclose(found, getattr(X, name)(1))
+    result = compiled(lambda g, v: getattr(v, name)(1), 2)(X)
+    np.testing.assert_allclose(result, getattr(X, name)(1))
 
 
 def test_without_axes_all_is_summed_to_one_number():
-    found = compiled(lambda g, v: [v.max(), v.min(), v.sum(), (v > 3.5).any().astype(np.float32)], 2)(X)
-    assert [x.shape for x in found] == [(1,)] * 4
-    np.testing.assert_allclose(np.concatenate(found), [4, -3, X.sum(), 1])
+    result = compiled(lambda g, v: [v.max(), v.min(), v.sum(), (v > 3.5).any().astype(np.float32)], 2)(X)
+    assert [x.shape for x in result] == [(1,)] * 4
+    np.testing.assert_allclose(np.concatenate(result), [4, -3, X.sum(), 1])
 
 
 def test_a_cut_may_have_steps_and_sizes_as_ends():
     build = lambda g, v: [v.cut(1, 1, END), v.cut(1, 0, END, 2), v.cut(0, v.size(0) - 1, 9)]  # noqa: E731
-    found = compiled(build, 2)(X)
-    for one, other in zip(found, [X[:, 1:], X[:, ::2], X[1:]], strict=True):
+    result = compiled(build, 2)(X)
+    for one, other in zip(result, [X[:, 1:], X[:, ::2], X[1:]], strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -76,36 +76,36 @@ def test_the_file_holds_standard_operators_only_and_describes_its_inputs(model):
 def test_it_renders_what_the_package_renders(render, package, height, width, blur):
     """No, one and three halvings; more rows than a band has."""
     image, disparity = picture(height, width), steps(height, width, 1)
-    wanted = package.render_arrays(image, disparity * np.float32(blur))
-    assert blur < 5 or wanted.error_map.max() > 0.1
-    np.testing.assert_allclose(render(image, disparity, blur), wanted.bokeh, rtol=0, atol=2e-5)
+    expected = package.render_arrays(image, disparity * np.float32(blur))
+    assert blur < 5 or expected.error_map.max() > 0.1
+    np.testing.assert_allclose(render(image, disparity, blur), expected.bokeh, rtol=0, atol=2e-5)
 
 
 def test_focus_is_the_disparity_that_stays_sharp(render, package):
     image, disparity = picture(50, 60), np.abs(steps(50, 60, 1))
     defocus = defocus_from_disparity(disparity, np.float32(20), np.float32(0.3))
-    wanted = package.render_arrays(image, defocus).bokeh
-    np.testing.assert_allclose(render(image, disparity, 20, 0.3), wanted, rtol=0, atol=2e-5)
+    expected = package.render_arrays(image, defocus).bokeh
+    np.testing.assert_allclose(render(image, disparity, 20, 0.3), expected, rtol=0, atol=2e-5)
 
 
 def test_with_another_gamma_it_is_the_scatter(render):
     image, disparity = picture(50, 60), steps(50, 60, 1)
-    wanted = (
+    expected = (
         BokehRenderer("scatter")
         .render_arrays(image, disparity * np.float32(15), options=RenderOptions(gamma=2.2))
         .bokeh
     )
-    assert decibels(render(image, disparity, 15, gamma=2.2), wanted) > 90
-    assert decibels(render(image, disparity, 15), wanted) < 40
+    assert decibels(render(image, disparity, 15, gamma=2.2), expected) > 90
+    assert decibels(render(image, disparity, 15), expected) < 40
 
 
 def test_light_below_zero_counts_as_zero_and_light_above_one_is_kept(render, package):
     image, disparity = 4 * picture(40, 50) - 1, steps(40, 50, 1)
-    found = render(image, disparity, 12)
+    result = render(image, disparity, 12)
     np.testing.assert_allclose(
-        found, package.render_arrays(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5
+        result, package.render_arrays(image, 12 * disparity).bokeh, rtol=2e-5, atol=2e-5
     )
-    assert found.max() > 1
+    assert result.max() > 1
 
 
 def test_sizes_that_differ_are_refused(render):
@@ -121,9 +121,22 @@ def test_the_shipped_networks_are_exported_with_proof(tmp_path, engine, megabyte
     assert [file.name for file in tmp_path.iterdir()] == ["one.onnx"]
 
 
+@pytest.mark.slow
+def test_the_repair_is_exported_with_proof(tmp_path):
+    """Authority: the network of the package; it moves the edges of a dilated disc."""
+    path = tmp_path / "repair.onnx"
+    assert renderer.export_renderer(path, engine="repair") >= 70
+    y, x = np.mgrid[:93, :118]
+    distance = np.hypot(y - 45, x - 60)
+    image = np.where((distance < 25)[..., None], (0.8, 0.3, 0.1), (0.1, 0.3, 0.6)).astype(np.float32)
+    disparity, true = ((distance < radius).astype(np.float32) for radius in (28, 25))
+    repaired = start(onnx.load(path)).run(None, {"image": image, "disparity": disparity})[0]
+    assert np.abs(repaired - true).mean() < 0.5 * np.abs(disparity - true).mean()
+
+
 def test_engines_without_networks_on_the_scatter_are_refused(tmp_path):
     with pytest.raises(
-        ParameterError, match="engine: expected one of bokehme, fast, neural, rays, got 'hybrid'"
+        ParameterError, match="engine: expected one of bokehme, fast, neural, rays, repair, got 'hybrid'"
     ):
         renderer.export_renderer(tmp_path / "one.onnx", engine="hybrid")
     assert not any(tmp_path.iterdir())

@@ -31,8 +31,8 @@ def test_lights_and_shadows_stay_on_their_level(call):
     """A pixel that outshines its tile keeps the rim of its disc; a tile at the border is a part of one."""
     image, defocus = 0.1 * picture(70, 93), np.full((70, 93), 25.0, np.float32)
     image[35, 40], image[69, 92] = 300, 80
-    wanted = package_scatter(image, defocus)
-    np.testing.assert_allclose(call(image, defocus), wanted, rtol=1e-5)
+    expected = package_scatter(image, defocus)
+    np.testing.assert_allclose(call(image, defocus), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("radius", "least"), [(90, 80), (400, 70), (1e6, 50)])
@@ -48,15 +48,15 @@ def test_a_lamp_with_a_disc_beyond_the_table_only_loses_the_sharpness_of_its_rim
     side = 2 * radius + 40
     image, defocus = np.full((side, side, 3), 0.1, np.float32), np.full((side, side), radius, np.float32)
     image[side // 2, side // 2] = 4 * radius**2
-    found, wanted = call(image, defocus), package_scatter(image, defocus)
-    brightness = wanted[side // 2, side // 2, 0]
+    result, expected = call(image, defocus), package_scatter(image, defocus)
+    brightness = expected[side // 2, side // 2, 0]
     assert brightness > 1
     y, x = np.mgrid[:side, :side] - side // 2
     distance = np.abs(np.hypot(y, x) - radius)
-    error = np.abs(found - wanted) / brightness
+    error = np.abs(result - expected) / brightness
     assert error[distance > 4].max() < 0.01
     assert error[distance < 1].mean() < within
-    assert found.sum() == pytest.approx(wanted.sum(), rel=0.005)
+    assert result.sum() == pytest.approx(expected.sum(), rel=0.005)
 
 
 @pytest.fixture(scope="module")

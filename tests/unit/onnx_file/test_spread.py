@@ -29,9 +29,9 @@ def test_one_point_becomes_a_disc(spread, radius):
     side = 2 * reach + 1
     values, defocus = np.zeros((side, side, 4), np.float32), np.zeros((side, side), np.float32)
     values[reach, reach], defocus[reach, reach] = 1, radius
-    found = spread(values, defocus)[..., 0]
-    np.testing.assert_allclose(found, disc_weights(radius, reach), rtol=0, atol=2e-3 / radius**2)
-    assert found.sum() == pytest.approx(1, abs=1e-6)
+    spread_values = spread(values, defocus)[..., 0]
+    np.testing.assert_allclose(spread_values, disc_weights(radius, reach), rtol=0, atol=2e-3 / radius**2)
+    assert spread_values.sum() == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.parametrize("radius", [31.9, 100.2])
@@ -41,8 +41,10 @@ def test_between_the_radii_of_the_table_a_rim_is_hardly_softer(spread, radius):
     side = 2 * reach + 1
     values, defocus = np.zeros((side, side, 4), np.float32), np.zeros((side, side), np.float32)
     values[reach, reach], defocus[reach, reach] = 1, radius
-    found = spread(values, defocus)[..., 0]
-    np.testing.assert_allclose(found, disc_weights(radius, reach), rtol=0, atol=0.1 / (np.pi * radius**2))
+    spread_values = spread(values, defocus)[..., 0]
+    np.testing.assert_allclose(
+        spread_values, disc_weights(radius, reach), rtol=0, atol=0.1 / (np.pi * radius**2)
+    )
 
 
 def test_a_picture_is_spread_as_by_the_double_loop(spread):
@@ -70,7 +72,7 @@ def test_nothing_of_a_light_is_left_next_to_its_disc(spread):
 
 
 def test_the_number_of_threads_changes_no_bit():
-    """Where indices repeat, an operator that adds from several threads at once would."""
+    """Indices repeat: an operator that adds from several threads at once would fail."""
     values, defocus = weighted(picture(200, 300)), steps(200, 300, 20)
     results = [
         compiled(spread_discs, 3, 2, threads=n)(values.transpose(2, 0, 1), defocus) for n in (1, 2, 2, 2)

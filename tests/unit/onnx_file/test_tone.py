@@ -28,8 +28,8 @@ def test_values_are_those_of_the_package(call, gamma, brightest):
     image[7, 9] = brightest
     curve = package_curve(image, gamma)
     encoded, decoded = call(image.transpose(2, 0, 1), gamma)
-    wanted = curve.encode(image).transpose(2, 0, 1)
-    np.testing.assert_allclose(encoded, wanted, rtol=1e-4, atol=1e-30)
+    expected = curve.encode(image).transpose(2, 0, 1)
+    np.testing.assert_allclose(encoded, expected, rtol=1e-4, atol=1e-30)
     np.testing.assert_allclose(
         decoded, curve.decode(curve.encode(image)).transpose(2, 0, 1), rtol=1e-4, atol=1e-6
     )

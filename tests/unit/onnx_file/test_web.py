@@ -23,30 +23,30 @@ from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.render.renderer import BokehRenderer
 from tests.conftest import ROOT
-from tests.unit.onnx_file.running import decibels, picture, steps
+from tests.unit.onnx_file.running import decibels, picture, start, steps
 
 BLUR, FOCUS = 14.0, 0.4
 
 
 def program(*names):
     """Path of the first of these programs that is installed; skip without any."""
-    found = next(filter(None, map(shutil.which, names)), None)
-    if found is None:
+    result = next(filter(None, map(shutil.which, names)), None)
+    if result is None:
         pytest.skip(f"needs {' or '.join(names)}, which is not installed")
-    return found
+    return result
 
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """The page with its packages and the renderer."""
-    npm, made = program("npm"), tmp_path_factory.mktemp("web")
-    shutil.copytree(ROOT / "web", made, dirs_exist_ok=True)
+    npm, result = program("npm"), tmp_path_factory.mktemp("web")
+    shutil.copytree(ROOT / "web", result, dirs_exist_ok=True)
     words = [npm, "install", "--no-audit", "--no-fund", "--ignore-scripts"]
-    installed = subprocess.run(words, cwd=made, capture_output=True, text=True, timeout=200, check=False)
+    installed = subprocess.run(words, cwd=result, capture_output=True, text=True, timeout=200, check=False)
     if installed.returncode:
         pytest.skip(f"npm cannot install onnxruntime-web here: {installed.stderr.strip()[:200]}")
-    (made / "fast.onnx").write_bytes(build_model().SerializeToString())
-    return made
+    (result / "fast.onnx").write_bytes(build_model().SerializeToString())
+    return result
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def served(folder, handler):
 
 @pytest.fixture
 def address(folder):
-    """Where the page's own server has it."""
+    """Return the address on the page's own server."""
     server = served(folder, runpy.run_path(str(folder / "serve.py"))["Handler"])
     yield f"http://localhost:{server.server_port}"
     server.shutdown()
@@ -89,8 +89,8 @@ def opened(*words):
 @pytest.fixture
 def page():
     """A page of headless Chromium."""
-    with opened() as found:
-        yield found
+    with opened() as result:
+        yield result
 
 
 def rendered(page):
@@ -115,7 +115,7 @@ def choose(page, folder, **names):
 
 
 def wanted(folder, focus):
-    """What the package makes of it, as sRGB values."""
+    """Return the picture of the package, as sRGB values."""
     image, disparity = read_image(folder / "photo.png"), read_disparity(folder / "disparity.png")
     defocus = defocus_from_disparity(disparity, BLUR, focus).astype(np.float32)
     return linear_to_srgb(np.clip(BokehRenderer("fast").render_arrays(image, defocus).bokeh, 0, 1))
@@ -127,9 +127,29 @@ def test_the_page_renders_what_the_package_renders(folder, address, page):
     status, saved = rendered(page)
     assert re.fullmatch(r"110x83 in \d+\.\d s", status)
     (folder / "saved.png").write_bytes(saved)
-    image, found = read_image(folder / "photo.png"), linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, wanted(folder, FOCUS)) > 50
-    assert decibels(found, linear_to_srgb(image)) < 40
+    image, picture = read_image(folder / "photo.png"), linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, wanted(folder, FOCUS)) > 50
+    assert decibels(picture, linear_to_srgb(image)) < 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["rays", "bokehme"])
+def test_the_page_renders_other_files(engine, folder, address, page):
+    """Authority: ONNX Runtime on the CPU with the same file."""
+    model = build_model(engine=engine)
+    (folder / "other.onnx").write_bytes(model.SerializeToString())
+    page.goto(f"{address}/?model=other.onnx&photo=photo.png&disparity=disparity.png&K=6&focus={FOCUS}")
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    inputs = {
+        "image": read_image(folder / "photo.png"),
+        "disparity": read_disparity(folder / "disparity.png"),
+    }
+    numbers = {name: np.array(x, np.float32) for name, x in (("K", 6), ("focus", FOCUS), ("gamma", 1))}
+    inputs = {name: np.asarray(x, np.float32) for name, x in inputs.items()}
+    expected = linear_to_srgb(np.clip(start(model).run(None, inputs | numbers)[0], 0, 1))
+    found = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, expected) > 50
+    assert decibels(found, linear_to_srgb(inputs["image"])) < 40
 
 
 @pytest.mark.slow
@@ -139,8 +159,8 @@ def test_a_picture_in_tiles_is_the_whole_one(folder, address, page):
     worker.write_text(worker.read_text().replace("const TILE = 1024", "const TILE = 64"))
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     (folder / "saved.png").write_bytes(rendered(page)[1])
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, wanted(folder, FOCUS)) > 50
+    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, wanted(folder, FOCUS)) > 50
 
 
 @pytest.mark.slow
@@ -155,8 +175,8 @@ def test_a_click_focuses_there(folder, address, page):
     ]  # the canvas may begin within a pixel of the screen
     assert near.min() - 0.003 < focus < near.max() + 0.003
     (folder / "saved.png").write_bytes(rendered(page)[1])
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, wanted(folder, focus)) > 50
+    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, wanted(folder, focus)) > 50
 
 
 @pytest.mark.slow
@@ -237,8 +257,8 @@ def test_too_little_memory_is_reported_and_the_tiles_are_smaller(folder, address
     )
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     (folder / "saved.png").write_bytes(rendered(page)[1])
-    assert "Too little memory" in page.inner_text("#told")
-    assert "256 pixels wide now" in page.inner_text("#told")
+    assert "Too little memory" in page.inner_text("#notice")
+    assert "256 pixels wide now" in page.inner_text("#notice")
     assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
 
 
@@ -263,11 +283,11 @@ def test_a_browser_without_threads_and_webgl_is_reported_and_renders(folder):
             page = first.context.browser.new_context(service_workers="block").new_page()
             page.goto(f"http://localhost:{server.server_port}/?{query}")
             (folder / "saved.png").write_bytes(rendered(page)[1])
-            told = page.inner_text("#told")
+            message = page.inner_text("#notice")
     finally:
         server.shutdown()
-    assert "no threads: one core does all the work" in told
-    assert "No quick picture while you drag" in told
+    assert "no threads: one core does all the work" in message
+    assert "No quick picture while you drag" in message
     assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
 
 
@@ -292,9 +312,9 @@ def test_a_drag_shows_a_quick_picture_and_the_renderers_after_it(folder, address
             return [...copy.getContext("2d").getImageData(0, 0, 110, 83).data];
         }"""
     )
-    found = np.array(shown, np.float32).reshape(83, 110, 4)[..., :3] / 255
+    result = np.array(shown, np.float32).reshape(83, 110, 4)[..., :3] / 255
     sharp = linear_to_srgb(read_image(folder / "photo.png"))
-    assert decibels(found, wanted(folder, FOCUS)) > decibels(sharp, wanted(folder, FOCUS)) + 3
+    assert decibels(result, wanted(folder, FOCUS)) > decibels(sharp, wanted(folder, FOCUS)) + 3
     page.wait_for_function("document.querySelector('#preview').hidden", timeout=200_000)
     (folder / "saved.png").write_bytes(rendered(page)[1])
     assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
@@ -318,10 +338,10 @@ def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address):
     with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
         page.goto(f"{address}/?{query}")
         page.wait_for_function("document.body.dataset.provider", timeout=100_000)
-        assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#told")
+        assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#notice")
         (folder / "saved.png").write_bytes(rendered(page)[1])
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, wanted(folder, FOCUS)) > 50
+    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, wanted(folder, FOCUS)) > 50
 
 
 @pytest.mark.slow
@@ -330,7 +350,7 @@ def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address):
         page.goto(address)
         page.wait_for_function("document.body.dataset.provider", timeout=60_000)
         assert page.evaluate("document.body.dataset.provider") == "wasm"
-        assert "WebAssembly does the work" in page.inner_text("#told")
+        assert "WebAssembly does the work" in page.inner_text("#notice")
 
 
 def depth_network(path, shape=(1, 3, "height", "width")):
@@ -395,7 +415,7 @@ def test_a_network_file_estimates_the_depth_of_a_photo_alone(ramp, address, page
 
 @pytest.mark.slow
 def test_a_network_is_downloaded_on_click_only_and_other_bytes_are_refused(ramp, address, page):
-    """Nothing is asked before the click; the pinned address must have the pinned bytes."""
+    """Nothing is requested before the click; the pinned address must have the pinned bytes."""
     hosts = hosts_of(page)
     headers = {"Access-Control-Allow-Origin": "*"}
     page.context.route("https://huggingface.co/**", lambda route: route.fulfill(body="none", headers=headers))

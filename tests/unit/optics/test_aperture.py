@@ -200,9 +200,9 @@ def test_pupil_points_follow_the_light(name, side):
     points, weights = pupil_points(aperture, square(4096), side)
     light = transmission(aperture, U, V, side)
     for p, q in [(1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0)]:
-        wanted = (light * U**p * V**q).sum() / light.sum()
+        expected = (light * U**p * V**q).sum() / light.sum()
         measured = (weights * points[:, 0] ** p * points[:, 1] ** q).sum() / weights.sum()
-        assert measured == pytest.approx(wanted, abs=3e-3)
+        assert measured == pytest.approx(expected, abs=3e-3)
 
 
 @pytest.mark.parametrize("name", SHAPES)

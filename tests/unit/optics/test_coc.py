@@ -27,10 +27,10 @@ def test_one_formula_serves_floats_arrays_tensors_and_kernels():
         return coc_radius(x, 0.001, 12.5, 52.0)
 
     disparity = np.linspace(0, 0.01, 7)
-    wanted = [coc_radius(float(x), 0.001, 12.5, 52.0) for x in disparity]
-    assert_allclose(coc_radius(disparity, 0.001, 12.5, 52.0), wanted)
-    assert_allclose(coc_radius(torch.from_numpy(disparity), 0.001, 12.5, 52.0).numpy(), wanted)
-    assert_allclose([inside(x) for x in disparity], wanted)
+    expected = [coc_radius(float(x), 0.001, 12.5, 52.0) for x in disparity]
+    assert_allclose(coc_radius(disparity, 0.001, 12.5, 52.0), expected)
+    assert_allclose(coc_radius(torch.from_numpy(disparity), 0.001, 12.5, 52.0).numpy(), expected)
+    assert_allclose([inside(x) for x in disparity], expected)
 
 
 def test_coc_is_differentiable_in_torch():

@@ -28,25 +28,25 @@ LENS = {"focal_length": 50.0, "pixel_pitch": 0.05, "centre": (359.5, 239.5)}
 def test_defocus_is_the_distance_from_the_plane_at_every_pixel():
     """Authority: the formula, pixel by pixel, for a map whose first value is the pixel (-3, 5)."""
     disparity = np.random.default_rng(0).random((7, 9))
-    found = plane_defocus(disparity, 20.0, PLANE, (-3, 5))
+    result = plane_defocus(disparity, 20.0, PLANE, (-3, 5))
     for row in range(7):
         for column in range(9):
             focus = 0.3 + 0.002 * (column - 3) - 0.001 * (row + 5)
-            assert found[row, column] == pytest.approx(20 * (disparity[row, column] - focus))
+            assert result[row, column] == pytest.approx(20 * (disparity[row, column] - focus))
 
 
 def test_a_plane_without_tilt_is_a_single_disparity_bit_for_bit():
     disparity = np.random.default_rng(0).random((7, 9), dtype=np.float32)
-    found = plane_defocus(disparity, 20.0, FocusPlane(level=0.3))
-    assert found.dtype == np.float32
-    assert_array_equal(found, defocus_from_disparity(disparity, 20.0, 0.3))
+    result = plane_defocus(disparity, 20.0, FocusPlane(level=0.3))
+    assert result.dtype == np.float32
+    assert_array_equal(result, defocus_from_disparity(disparity, 20.0, 0.3))
 
 
 def test_tensors_give_the_same_and_have_gradients():
     disparity = np.random.default_rng(0).random((4, 5))
     tensor = torch.tensor(disparity, requires_grad=True)
-    found = plane_defocus(tensor, 20.0, PLANE, (2, 1))
-    assert_allclose(found.detach().numpy(), plane_defocus(disparity, 20.0, PLANE, (2, 1)), rtol=1e-12)
+    result = plane_defocus(tensor, 20.0, PLANE, (2, 1))
+    assert_allclose(result.detach().numpy(), plane_defocus(disparity, 20.0, PLANE, (2, 1)), rtol=1e-12)
     assert torch.autograd.gradcheck(lambda x: plane_defocus(x, 20.0, PLANE), (tensor,))
 
 
@@ -98,12 +98,12 @@ def test_light_arrives_where_rays_in_space_say():
         plane = FocusPlane(level=level, slope=tuple(slopes / focal_scale))
         place, pupil = rng.uniform(-300, 300, 2), rng.uniform(-0.7, 0.7, 2)
         disparity = rng.uniform(0.0005, 0.002)
-        wanted = space_arrival(place, disparity, pupil, slopes, level, focal_scale, radius)
+        expected = space_arrival(place, disparity, pupil, slopes, level, focal_scale, radius)
         defocus = blur * (disparity - plane.at(*place))
         _, run, _ = plane_aberration_map(plane, blur)(pupil, np.zeros(2))
-        assert_allclose(place + defocus * run, wanted, rtol=1e-9, atol=1e-9)
+        assert_allclose(place + defocus * run, expected, rtol=1e-9, atol=1e-9)
         # The other way: from the pixel that receives it, the ray of this pupil point runs over the place.
-        assert_allclose(wanted - defocus * run, place, rtol=1e-9, atol=1e-9)
+        assert_allclose(expected - defocus * run, place, rtol=1e-9, atol=1e-9)
         largest = max(largest, abs(1 - np.linalg.norm(run) / np.linalg.norm(pupil)))
     assert largest > 0.3  # so that a circle would have failed
 
@@ -116,7 +116,7 @@ def test_light_of_a_tilted_lens_arrives_where_its_rays_do(tilt):
     lens = ThinLens(focal_length=LENS["focal_length"], f_number=1.4)
     plane, distance = tilted_lens(tilt, LENS["centre"], 1 / 1500, **LENS)
     blur = lens.pupil_radius * distance / pitch
-    found = tilted_aberration_map(
+    aberrations = tilted_aberration_map(
         plane, blur, focal_length=lens.focal_length, pixel_pitch=pitch, distance=distance, size=size
     )
     upright = TiltShift(lens=lens, tilt=tilt).place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
@@ -134,7 +134,7 @@ def test_light_of_a_tilted_lens_arrives_where_its_rays_do(tilt):
         met = axes @ (origin + (1 / disparity - axes[2] @ origin) / (axes[2] @ slope) * slope)
         place = met[:2] / met[2] * distance / pitch + centre
         defocus = blur * (disparity - plane.at(*place))
-        _, run, _ = found(pupil, (pixel - centre) / half_diagonal)
+        _, run, _ = aberrations(pupil, (pixel - centre) / half_diagonal)
         assert_allclose(pixel - defocus * run, place, atol=1e-9 * blur)
         apart = max(apart, np.abs(run - plane_aberration_map(plane, blur)(pupil, np.zeros(2))[1]).max())
     assert apart > 0.02  # so that an upright aperture would have failed
@@ -158,8 +158,8 @@ def test_45_degrees_lead_through_all_relative_disparity(tilt, first, last):
 
 def test_a_lens_that_is_not_tilted_is_the_thin_lens():
     plane, distance = tilted_lens((0.0, 0.0), (7.0, 9.0), 1 / 1200, **LENS)
-    wanted = ThinLens(focal_length=50.0, f_number=2.0, focus_distance=1200.0).sensor_distance
-    assert (distance, plane.level, *plane.slope) == pytest.approx((wanted, 1 / 1200, 0, 0))
+    expected = ThinLens(focal_length=50.0, f_number=2.0, focus_distance=1200.0).sensor_distance
+    assert (distance, plane.level, *plane.slope) == pytest.approx((expected, 1 / 1200, 0, 0))
 
 
 @pytest.mark.parametrize("tilt", TILTS)

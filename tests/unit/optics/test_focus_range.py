@@ -16,10 +16,10 @@ def test_all_between_is_sharp_and_the_rest_blurs_as_from_the_nearer_end(disparit
     """Authority: distance of the disparity to the interval, with its sign, times the blur."""
     far, near = sorted((one, other))
     ends = (defocus_from_disparity(disparity, BLUR, end) for end in (near, far))
-    found = defocus_outside_range(*ends)
-    assert_allclose(found, BLUR * (disparity - np.clip(disparity, far, near)), atol=1e-12)
+    result = defocus_outside_range(*ends)
+    assert_allclose(result, BLUR * (disparity - np.clip(disparity, far, near)), atol=1e-12)
     if far <= disparity <= near:
-        assert found == 0
+        assert result == 0
 
 
 def test_a_range_without_width_is_the_focus():
@@ -34,21 +34,21 @@ def test_behind_a_lens_blur_is_continuous_and_rises_towards_the_camera():
         defocus_map(disparity, ThinLens(focal_length=50, f_number=2, focus_distance=z), 0.01)
         for z in (800, 3000)
     )
-    found = defocus_outside_range(near, far)[0]
-    steps = np.diff(found)
+    result = defocus_outside_range(near, far)[0]
+    steps = np.diff(result)
     assert steps.min() >= 0
     assert steps.max() < 1.001 * np.diff(near[0]).max()
     inside = (disparity[0] > 1 / 3000 + 1e-9) & (disparity[0] < 1 / 800 - 1e-9)
-    assert_array_equal(found[inside], 0)
-    assert (found[~inside] != 0).mean() > 0.999
+    assert_array_equal(result[inside], 0)
+    assert (result[~inside] != 0).mean() > 0.999
 
 
 def test_tensors_give_the_same_with_gradients():
     near = torch.linspace(-2, 1, 7, dtype=torch.float64, requires_grad=True)
     far = (near.detach() + 1.5).requires_grad_()
-    found = defocus_outside_range(near, far)
+    result = defocus_outside_range(near, far)
     assert_allclose(
-        found.detach().numpy(), defocus_outside_range(near.detach().numpy(), far.detach().numpy())
+        result.detach().numpy(), defocus_outside_range(near.detach().numpy(), far.detach().numpy())
     )
-    found.sum().backward()
+    result.sum().backward()
     assert_array_equal(near.grad.numpy(), (near.detach() >= 0).double().numpy())

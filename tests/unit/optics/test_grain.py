@@ -45,8 +45,8 @@ def test_pixels_correlate_as_stated(size):
     noise = Grain(iso=100, size=size).noise(SIDE, SIDE, 3)
     for dx, dy in ((1, 0), (0, 2), (2, 2), (round(size), 0), (3 * round(size), 0)):
         first, second = noise[: SIDE - dy, : SIDE - dx], noise[dy:, dx:]
-        wanted = math.exp(-(dx * dx + dy * dy) / size**2)
-        assert (first * second).mean() == pytest.approx(wanted, abs=0.01 * size)
+        expected = math.exp(-(dx * dx + dy * dy) / size**2)
+        assert (first * second).mean() == pytest.approx(expected, abs=0.01 * size)
 
 
 def test_small_grain_correlates_less_by_the_documented_factor():
@@ -64,9 +64,9 @@ def test_noise_is_normal_and_channels_have_their_own():
     assert (noise**3).mean() == pytest.approx(0, abs=0.02)
     for first, second in ((0, 1), (1, 2), (0, 2)):
         assert (noise[..., first] * noise[..., second]).mean() == pytest.approx(0, abs=4 / SIDE)
-    alike = Grain(iso=100, monochrome=True).noise(20, 20, 3)
-    assert_array_equal(alike[..., 0], alike[..., 2])
-    assert alike.std() > 0.5
+    equal = Grain(iso=100, monochrome=True).noise(20, 20, 3)
+    assert_array_equal(equal[..., 0], equal[..., 2])
+    assert equal.std() > 0.5
 
 
 @pytest.mark.parametrize("size", [0.0, 1.3, 6.0])

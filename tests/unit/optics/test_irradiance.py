@@ -24,8 +24,8 @@ CASES = [(0, 50, 18), (20, 50, 18), (60, 40, 30), (5, 3, 20)]
 
 @pytest.mark.parametrize(("field", "distance", "radius"), CASES)
 def test_form_factor_is_the_integral_over_the_disc(field, distance, radius):
-    wanted = integral(field, distance, radius)
-    assert disc_form_factor(field, distance, radius) == pytest.approx(wanted, rel=2e-5)
+    expected = integral(field, distance, radius)
+    assert disc_form_factor(field, distance, radius) == pytest.approx(expected, rel=2e-5)
 
 
 def test_form_factor_is_the_printed_formula():

@@ -48,8 +48,8 @@ def test_sobol_averages_are_as_good_as_those_of_scipy():
     qmc = pytest.importorskip("scipy.stats").qmc
     for values in (lambda p: p[:, 0] * p[:, 1], lambda p: np.exp(p[:, 0]) * np.cos(p[:, 1])):
         truth = values(qmc.Sobol(2, scramble=True, seed=1).random(65536)).mean()
-        found = [values(sobol(1024, np.random.default_rng(seed))).mean() for seed in range(8)]
-        assert_allclose(found, truth, atol=1e-4)
+        results = [values(sobol(1024, np.random.default_rng(seed))).mean() for seed in range(8)]
+        assert_allclose(results, truth, atol=1e-4)
 
 
 def test_scrambled_points_are_uniform_and_differ_by_seed():
@@ -70,9 +70,9 @@ def test_disc_points_are_uniform_by_area():
 
 def test_the_centre_and_the_corners_map_where_they_should():
     corners = np.array([[0.5, 0.5], [1.0, 0.5], [0.5, 1.0], [1.0, 1.0]])
-    wanted = [[0, 0], [1, 0], [0, 1], [np.sqrt(0.5), np.sqrt(0.5)]]
-    assert_allclose(disc_from_square(corners), wanted, atol=1e-12)
-    assert_allclose(disc_from_square(torch.from_numpy(corners)).numpy(), wanted, atol=1e-12)
+    expected = [[0, 0], [1, 0], [0, 1], [np.sqrt(0.5), np.sqrt(0.5)]]
+    assert_allclose(disc_from_square(corners), expected, atol=1e-12)
+    assert_allclose(disc_from_square(torch.from_numpy(corners)).numpy(), expected, atol=1e-12)
 
 
 def test_rotation_wraps_round():

@@ -68,9 +68,9 @@ def test_beyond_the_range_a_line_goes_on_with_the_slope_at_the_shoulder(gamma, b
     assert 0.1 < k < brightest / curve.white
     u = np.array([k * (1 - 1e-6), k, k * (1 + 1e-6), 2 * k, 3 * k])
     y = curve.encode(curve.white * u)
-    wanted = gamma * k ** (gamma - 1)
-    assert_allclose([(y[1] - y[0]) / (u[1] - u[0]), (y[2] - y[1]) / (u[2] - u[1])], wanted, rtol=1e-5)
-    assert_allclose((y[4] - y[3]) / k, wanted, rtol=1e-9)
+    expected = gamma * k ** (gamma - 1)
+    assert_allclose([(y[1] - y[0]) / (u[1] - u[0]), (y[2] - y[1]) / (u[2] - u[1])], expected, rtol=1e-5)
+    assert_allclose((y[4] - y[3]) / k, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("gamma", [2.2, 3.0, 5.0])
@@ -115,8 +115,8 @@ def test_gamma_weighs_bright_pixels_by_the_power_mean():
     for gamma in (0.5, 2.0, 4.0):
         curve = gamma_curve(image, gamma)
         blurred = curve.decode(scatter(curve.encode(image), np.full((60, 60), 11.0, np.float32)))
-        wanted = ((0.8**gamma + 0.2**gamma) / 2) ** (1 / gamma)
-        assert blurred[20:40, 20:40] == pytest.approx(wanted, rel=1e-2)
+        expected = ((0.8**gamma + 0.2**gamma) / 2) ** (1 / gamma)
+        assert blurred[20:40, 20:40] == pytest.approx(expected, rel=1e-2)
 
 
 def test_a_black_picture_and_a_lonely_light_have_a_curve():

@@ -118,9 +118,9 @@ def test_colour_goes_towards_the_corners_and_luminance_stays():
     share = vignette.color(np.array([[0.0, 0.0], [0.6, 0.8]]), 1.5)
     assert_allclose(share, [1, 0.5])
     light = np.array([[0.9, 0.2, 0.1], [0.9, 0.2, 0.1]])
-    found = scale_saturation(light, share)
+    result = scale_saturation(light, share)
     grey = 0.2126 * 0.9 + 0.7152 * 0.2 + 0.0722 * 0.1
-    assert_array_equal(found[0], light[0])
-    assert_allclose(found[1], (light[1] + grey) / 2)
-    assert_allclose(found @ [0.2126, 0.7152, 0.0722], grey)
+    assert_array_equal(result[0], light[0])
+    assert_allclose(result[1], (light[1] + grey) / 2)
+    assert_allclose(result @ [0.2126, 0.7152, 0.0722], grey)
     assert_array_equal(vignette.factor(FIELD, 1.5), 1)

@@ -50,8 +50,8 @@ def test_types_have_words(value, word):
 def test_arguments_match_the_signature_of_numba(value):
     """Authority: the LLVM function type that numba gives a function of this argument."""
     context = cpu_target.target_context
-    taken = context.call_conv.get_function_type(typeof(None), (typeof(value),)).args[2:]
-    names = ["ptr" if str(kind).endswith("*") else str(kind) for kind in taken]
+    selected = context.call_conv.get_function_type(typeof(None), (typeof(value),)).args[2:]
+    names = ["ptr" if str(kind).endswith("*") else str(kind) for kind in selected]
     flat: list = []
     flatten((value,), flat)
     kinds = c_types(f"({describe(value)})")

@@ -65,14 +65,14 @@ def test_contiguous_arrays_use_code_for_any_strides():
 @packed
 @pytest.mark.parametrize("many", [0, 1, 2])
 def test_any_number_of_occluded_pixels_runs_precompiled(many, monkeypatch):
-    found = []
-    monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: found.append(self.name)))
+    results = []
+    monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: results.append(self.name)))
     image, defocus = np.full((24, 24, 3), 0.5, np.float32), np.zeros((24, 24), np.float32)
-    wanted = np.zeros(defocus.shape, np.bool_)
+    expected = np.zeros(defocus.shape, np.bool_)
     defocus[8:16, 8:16] = 6
-    wanted[8, 8 : 8 + many] = True
-    occluded_background(image, defocus, inpainted=wanted)
-    assert found == []
+    expected[8, 8 : 8 + many] = True
+    occluded_background(image, defocus, inpainted=expected)
+    assert results == []
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_pictures_are_those_of_numba(render):
 
 
 def called(built, kernel, *arguments):
-    """What machine code that is looked up now gives."""
+    """Return the result of machine code that is loaded now."""
     run, flat = library.find(kernel, describe(arguments), built), []
     assert run is not None
     flatten(arguments, flat)
@@ -236,10 +236,10 @@ def test_a_returned_array_can_be_written_and_outlives_the_kernel_that_made_it(bu
 
 
 def test_memory_of_a_returned_array_goes_back_once_with_its_last_view():
-    taken, data = [], np.arange(6.0)
+    selected, data = [], np.arange(6.0)
 
     def release(owner):
-        taken.append(owner)
+        selected.append(owner)
 
     structure, read = result_reader("f8[2C]", release)
     array = read(structure(5, None, 6, 8, data.ctypes.data, 2, 3, 24, 8))
@@ -247,10 +247,10 @@ def test_memory_of_a_returned_array_goes_back_once_with_its_last_view():
     view = array[1:]
     del array
     gc.collect()
-    assert taken == []
+    assert selected == []
     del view
     gc.collect()
-    assert taken == [5]
+    assert selected == [5]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -266,7 +266,7 @@ def test_a_forked_child_runs_kernels_after_its_parent_did(built):
 
 
 def test_what_a_kernel_raises_is_raised(built):
-    """Memory that nobody has: the kernel asks for 2^56 bytes before it reads anything."""
+    """Memory that nobody has: the kernel allocates 2^56 bytes before it reads anything."""
     flat = []
     flatten((np.zeros((1, 1), np.float32), 1, np.zeros((1, 1), np.bool_)), flat)
     flat[2], flat[5:9] = 2**56, (2**28, 2**28, 2**30, 4)

@@ -16,10 +16,10 @@ class Ray:
             class Task:
                 @staticmethod
                 def remote(argument):
-                    found = (len(self.under_way), work(argument))
-                    self.under_way.append(found)
+                    results = (len(self.under_way), work(argument))
+                    self.under_way.append(results)
                     self.most = max(self.most, len(self.under_way))
-                    return (argument, found[1])
+                    return (argument, results[1])
 
             return Task
 
@@ -28,13 +28,13 @@ class Ray:
     def wait(self, running, num_returns):
         return [running[-1]], running[:-1]
 
-    def get(self, found):
+    def get(self, result):
         self.under_way.pop()
-        return found[1]
+        return result[1]
 
-    def cancel(self, found, force):
+    def cancel(self, result, force):
         assert force
-        self.cancelled.append(found[0])
+        self.cancelled.append(result[0])
 
 
 def square(x):
@@ -43,9 +43,9 @@ def square(x):
 
 def test_each_task_is_given_once_with_its_name_and_few_are_under_way():
     ray = Ray()
-    found = list(results_as_completed(ray, square, [(f"n{x}", x) for x in range(7)], 3))
-    assert sorted(found) == [(f"n{x}", x * x) for x in range(7)]
-    assert found[0][0] == "n2"  # the newest of three
+    result = list(results_as_completed(ray, square, [(f"n{x}", x) for x in range(7)], 3))
+    assert sorted(result) == [(f"n{x}", x * x) for x in range(7)]
+    assert result[0][0] == "n2"  # the newest of three
     assert (ray.most, ray.cancelled) == (3, [])
 
 

@@ -46,8 +46,8 @@ def test_many_samples_follow_the_root_of_the_variance():
     variance = np.random.default_rng(0).random(1000)
     more = neyman(variance, np.zeros(1000), 10**6)
     assert more.sum() == 10**6
-    wanted = 10**6 * np.sqrt(variance) / np.sqrt(variance).sum()
-    assert np.abs(more - wanted).max() <= 1.01
+    expected = 10**6 * np.sqrt(variance) / np.sqrt(variance).sum()
+    assert np.abs(more - expected).max() <= 1.01
     assert not neyman(np.zeros(3), np.ones(3), 100).any()
 
 
@@ -84,10 +84,10 @@ def test_variance_is_that_of_the_samples_and_noise_is_less_where_samples_go():
     tracer = Tracer(wall_and_ball(), view, bounces=0)
     film = advance_adaptive(tracer, tracer.begin())
     everywhere = torch.arange(view.width * view.height)
-    ((_, found),) = tracer.trace(everywhere, 0, 16)
-    light = found[..., :3] @ found.new_tensor([0.2126, 0.7152, 0.0722])
+    ((_, result),) = tracer.trace(everywhere, 0, 16)
+    light = result[..., :3] @ result.new_tensor([0.2126, 0.7152, 0.0722])
     assert torch.allclose(film.variance.flatten(), light.var(0, unbiased=False), atol=1e-5)
-    assert torch.allclose(film.bokeh.reshape(-1, 3), found[..., :3].mean(0), atol=1e-5)
+    assert torch.allclose(film.bokeh.reshape(-1, 3), result[..., :3].mean(0), atol=1e-5)
     assert film.samples == 16
     while film.samples < 64:
         film = advance_adaptive(tracer, film)

@@ -128,9 +128,9 @@ def test_light_through_frosted_glass_spreads_by_the_formula(roughness):
     density = np.gradient(share, angle)
     unshadowed = 2 / (1 + np.sqrt(1 + roughness**2 * np.tan(2 * angle) ** 2))
     inside = angle < np.radians(15)
-    wanted = float((density * unshadowed * inside).sum() * (angle[1] - angle[0]))
+    expected = float((density * unshadowed * inside).sum() * (angle[1] - angle[0]))
     assert frosted(roughness, light).tolist() == pytest.approx(
-        [0.8 * wanted, 0.6 * wanted, 0.4 * wanted], rel=0.02
+        [0.8 * expected, 0.6 * expected, 0.4 * expected], rel=0.02
     )
 
 

@@ -123,11 +123,11 @@ def test_rays_go_on_through_a_mesh_to_its_other_side():
     rays = make_rays((0.1, 0.2, -10), (0, 0, 2))
     mesh = Mesh(box.vertices, box.faces)
     distance = torch.zeros(1)
-    found = []
+    results = []
     for _ in range(3):
         distance = mesh.intersect(rays, distance).distance
-        found.append(float(distance))
-    assert found == pytest.approx([4.5, 5.5, math.inf], rel=1e-4)
+        results.append(float(distance))
+    assert results == pytest.approx([4.5, 5.5, math.inf], rel=1e-4)
 
 
 @pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (80.0, -120.0, 40.0), (300.0, 0.0, 190.0)])

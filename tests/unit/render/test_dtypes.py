@@ -1,4 +1,4 @@
-"""What kinds of arrays the public API takes: floats of any length; nothing else is rendered silently."""
+"""Array types of the public API: floats of any length; nothing else is rendered silently."""
 
 import numpy as np
 import pytest
@@ -46,46 +46,46 @@ def test_the_way_out_of_a_refused_picture_is_the_decoding_of_its_file(dtype, whi
     codes = (CODES.astype(np.uint32) * (white // 255)).astype(dtype)
     with pytest.raises(ParameterError) as caught:
         render(codes)
-    told = "bokehnet.as_image(image)"
-    assert told in str(caught.value)
+    message = "bokehnet.as_image(image)"
+    assert message in str(caught.value)
     bokehnet.write_image(tmp_path / "codes.png", LIGHT)
-    decoded = eval(told, {"bokehnet": bokehnet, "image": codes})
+    decoded = eval(message, {"bokehnet": bokehnet, "image": codes})
     assert_allclose(decoded, bokehnet.read_image(tmp_path / "codes.png"), atol=1e-6)
 
 
 @pytest.mark.parametrize("dtype", REFUSED)
 def test_disparity_defocus_and_coverage_of_anything_but_floats_are_refused(dtype):
     codes = CODES[..., 0].astype(dtype)
-    found = rf"expected .*numbers.*, got an array of (.*{dtype}|shape)"
-    with pytest.raises(ParameterError, match=f"^disparity: {found}"):
+    result = rf"expected .*numbers.*, got an array of (.*{dtype}|shape)"
+    with pytest.raises(ParameterError, match=f"^disparity: {result}"):
         render(disparity=codes)
-    with pytest.raises(ParameterError, match=f"^defocus: {found}"):
+    with pytest.raises(ParameterError, match=f"^defocus: {result}"):
         bokehnet.BokehRenderer("scatter").render_arrays(LIGHT, codes)
-    with pytest.raises(ParameterError, match=f"^alpha: {found}"):
+    with pytest.raises(ParameterError, match=f"^alpha: {result}"):
         bokehnet.make_scene(LIGHT, bokehnet.ConstantDisparity(value=0.5), alpha=codes)
 
 
 def test_a_source_takes_integers_over_their_own_range():
     """Relative disparity has no unit: the lowest and the highest value are 0 and 1 in any type."""
     codes = np.repeat(np.arange(32, dtype=np.uint16)[None], 24, 0)
-    wanted = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=DISPARITY)).depth.values
-    found = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=codes)).depth.values
-    assert_allclose(found, wanted, atol=1e-6)
+    expected = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=DISPARITY)).depth.values
+    result = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=codes)).depth.values
+    assert_allclose(result, expected, atol=1e-6)
 
 
 def test_floats_of_16_bits_are_rendered_as_the_float32_that_they_are():
-    wanted = render(
+    expected = render(
         LIGHT.astype(np.float16).astype(np.float32), DISPARITY.astype(np.float16).astype(np.float32)
     )
-    found = render(LIGHT.astype(np.float16), DISPARITY.astype(np.float16).astype(np.float32))
-    assert found.dtype == np.float32
-    assert_array_equal(found, wanted)
+    picture = render(LIGHT.astype(np.float16), DISPARITY.astype(np.float16).astype(np.float32))
+    assert picture.dtype == np.float32
+    assert_array_equal(picture, expected)
 
 
 def test_floats_of_64_bits_are_rounded_to_float32():
-    found = render(LIGHT.astype(np.float64), DISPARITY.astype(np.float64))
-    assert found.dtype == np.float32
-    assert_allclose(found, render(), atol=2e-6)
+    picture = render(LIGHT.astype(np.float64), DISPARITY.astype(np.float64))
+    assert picture.dtype == np.float32
+    assert_allclose(picture, render(), atol=2e-6)
 
 
 def test_the_input_is_not_changed():

@@ -72,7 +72,7 @@ def test_effects_of_strength_0_change_nothing():
 
 
 @pytest.mark.parametrize(
-    ("settings", "wanted"),
+    ("settings", "expected"),
     [
         ({"distortion": -0.1}, {"distortion": DivisionModel(strength=-0.1)}),
         ({"brown": (-0.1,)}, {"distortion": BrownConrady(radial=(-0.1, 0.0, 0.0))}),
@@ -95,8 +95,8 @@ def test_effects_of_strength_0_change_nothing():
         ({"grain": 800}, {"grain": Grain(iso=800.0)}),
     ],
 )
-def test_effects_are_those_of_the_library(settings, wanted):
-    assert make_effects(EffectSettings(**settings)) == CameraEffects(**wanted)
+def test_effects_are_those_of_the_library(settings, expected):
+    assert make_effects(EffectSettings(**settings)) == CameraEffects(**expected)
 
 
 def test_highlights_are_those_of_the_library():
@@ -105,20 +105,20 @@ def test_highlights_are_those_of_the_library():
 
 
 def test_a_lens_response_holds_what_was_given():
-    found = response(LensSettings(coma=2), axial=2, dispersion="rgb", equaliser=(1, 2, 1))
-    assert isinstance(found.chromatic_aberration, ChromaticAberration)
-    assert (found.chromatic_aberration.axial, found.chromatic_aberration.lateral) == (2, 0)
-    assert found.wavelength_sampling == WavelengthSampling(dispersion="rgb", equaliser=(1, 2, 1))
-    wanted = AberrationSliders(coma=2.0).aberration_map()
-    assert_allclose(found.aberration_map.transverse_aberration, wanted.transverse_aberration)
+    result = response(LensSettings(coma=2), axial=2, dispersion="rgb", equaliser=(1, 2, 1))
+    assert isinstance(result.chromatic_aberration, ChromaticAberration)
+    assert (result.chromatic_aberration.axial, result.chromatic_aberration.lateral) == (2, 0)
+    assert result.wavelength_sampling == WavelengthSampling(dispersion="rgb", equaliser=(1, 2, 1))
+    expected = AberrationSliders(coma=2.0).aberration_map()
+    assert_allclose(result.aberration_map.transverse_aberration, expected.transverse_aberration)
 
 
 def test_glass_comes_with_the_picture_and_not_with_the_response():
     color = ColorSettings(dispersion="rgb")
     RenderSettings(lens=LensSettings(name="petzval"), color=color)  # a lens parts the colours
-    found = make_lens_response(LensSettings(name="petzval"), color)
-    assert found.wavelength_sampling == WavelengthSampling(dispersion="rgb")
-    assert found.aberration_map.is_perfect
+    result = make_lens_response(LensSettings(name="petzval"), color)
+    assert result.wavelength_sampling == WavelengthSampling(dispersion="rgb")
+    assert result.aberration_map.is_perfect
 
 
 @pytest.mark.parametrize("text", ["1,0.5,0,2", "1 0.5\n0\n\n 2\n", "1,\n0.5,0,2,\n", "\ufeff1 0.5 0 2"])
@@ -208,21 +208,21 @@ def focused(camera=None, near=0.5):
 
 def test_with_relative_disparity_the_lens_is_the_one_designed():
     settings = LensSettings(name="double_gauss", aberrations="seidel")
-    found = picture_aberrations(settings, focused(), WINDOW)
-    wanted = seidel_aberration_map(load_lens("double_gauss"))
-    assert_allclose(found.transverse_aberration, wanted.transverse_aberration)
+    aberrations = picture_aberrations(settings, focused(), WINDOW)
+    expected = seidel_aberration_map(load_lens("double_gauss"))
+    assert_allclose(aberrations.transverse_aberration, expected.transverse_aberration)
 
 
 def test_with_metric_depth_the_lens_has_the_numbers_of_the_camera():
     camera = LensNumbers(focal_length=50, f_number=2.2, sensor_width=12)
     settings = LensSettings(name="double_gauss", aberrations="seidel")
-    found = picture_aberrations(settings, focused(camera, near=1 / 2000), WINDOW)
+    aberrations = picture_aberrations(settings, focused(camera, near=1 / 2000), WINDOW)
     lens = load_lens("double_gauss", focal_length=50.0, f_number=2.2, focus_distance=2000.0)
-    wanted = seidel_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
-    assert_allclose(found.transverse_aberration, wanted.transverse_aberration)
+    expected = seidel_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
+    assert_allclose(aberrations.transverse_aberration, expected.transverse_aberration)
     assert (
         np.abs(
-            found.transverse_aberration
+            aberrations.transverse_aberration
             - seidel_aberration_map(load_lens("double_gauss")).transverse_aberration
         ).max()
         > 0

@@ -114,12 +114,12 @@ def test_the_cache_keeps_within_its_bound():
     for index in range(6):
         cache.get(index, lambda: np.zeros(1000, np.float32))
         assert cache.nbytes <= 10_000
-    made = []
-    cache.get(5, lambda: made.append(5))  # the latest is kept
-    cache.get(0, lambda: made.append(0))
+    results = []
+    cache.get(5, lambda: results.append(5))  # the latest is kept
+    cache.get(0, lambda: results.append(0))
     cache.get("large", lambda: np.zeros(10_000, np.float32))
-    cache.get("large", lambda: made.append("large"))
-    assert made == [0, "large"]
+    cache.get("large", lambda: results.append("large"))
+    assert results == [0, "large"]
 
 
 def test_digests_depend_on_every_value_and_the_shape():

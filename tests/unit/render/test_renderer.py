@@ -64,18 +64,18 @@ def with_groups(**groups):
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 def test_a_scene_and_its_arrays_give_the_same_bits(scene, photo, defocus, engine):
     renderer = BokehRenderer(engine)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
+    picture, expected = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
     for name in ("bokeh", "classical", "error_map", "defocus"):
-        assert_array_equal(getattr(found, name), getattr(wanted, name))
-    assert found.neural is None
-    assert np.abs(found.bokeh - photo).max() > 0.1
+        assert_array_equal(getattr(picture, name), getattr(expected, name))
+    assert picture.neural is None
+    assert np.abs(picture.bokeh - photo).max() > 0.1
 
 
 def test_the_networks_take_scenes_too(scene, photo, defocus, random_weights):
     renderer = BokehRenderer("fast", weights=random_weights)
-    found, wanted = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
-    assert_array_equal(found.bokeh, wanted.bokeh)
-    assert_array_equal(found.neural, wanted.neural)
+    picture, expected = renderer.render(scene, PLAIN), renderer.render_arrays(photo, defocus)
+    assert_array_equal(picture.bokeh, expected.bokeh)
+    assert_array_equal(picture.neural, expected.neural)
 
 
 def test_highlights_gamma_and_effects_are_those_of_the_library(scene, photo, defocus):
@@ -85,9 +85,9 @@ def test_highlights_gamma_and_effects_are_those_of_the_library(scene, photo, def
     plain = renderer.render_arrays(
         photo, defocus, options=RenderOptions(gamma=2.0, highlights=Highlights(threshold=0.7, gain=20))
     ).bokeh
-    found = renderer.render(scene, settings)
-    assert_array_equal(found.bokeh, CameraEffects(grain=Grain(iso=3200.0)).apply(plain))
-    assert_array_equal(found.classical, plain)  # before the effects
+    picture = renderer.render(scene, settings)
+    assert_array_equal(picture.bokeh, CameraEffects(grain=Grain(iso=3200.0)).apply(plain))
+    assert_array_equal(picture.classical, plain)  # before the effects
 
 
 def test_preparing_first_changes_no_bit(scene):
@@ -107,11 +107,11 @@ def test_one_prepared_scene_serves_many_looks(scene):
 
 
 def test_the_repair_is_announced(scene):
-    for mode, told in (("off", None), ("on", True)):
+    for mode, message in (("off", None), ("on", True)):
         settings = with_groups(depth=DepthSettings(repair=mode))
         report = BokehRenderer("scatter").render(scene, settings).report
-        assert report.repaired is told
-        assert bool(report.repair_reason) is (told is not None)
+        assert report.repaired is message
+        assert bool(report.repair_reason) is (message is not None)
     auto = BokehRenderer("scatter").prepare(scene, with_groups(depth=DepthSettings()))
     assert auto.repaired in (True, False)
     assert auto.repair_reason
@@ -120,32 +120,32 @@ def test_the_repair_is_announced(scene):
 def test_what_settings_leave_at_their_default_is_as_the_renderer_was_made(scene, photo, defocus):
     """Authority: the array form, which knows no settings."""
     coma = LensResponse(aberration_map=AberrationSliders(coma=8.0).aberration_map())
-    made = BokehRenderer("rays", aperture=Aperture(blades=5), lens_response=coma)
-    assert_array_equal(made.render(scene, PLAIN).bokeh, made.render_arrays(photo, defocus).bokeh)
+    result = BokehRenderer("rays", aperture=Aperture(blades=5), lens_response=coma)
+    assert_array_equal(result.render(scene, PLAIN).bokeh, result.render_arrays(photo, defocus).bokeh)
     # What settings do say takes its place, engine included.
     settings = with_groups(
         aperture=ApertureSettings(blades=7), lens=LensSettings(coma=-8), engine=EngineSettings(name="rays")
     )
     other = LensResponse(aberration_map=AberrationSliders(coma=-8.0).aberration_map())
-    wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render_arrays(
+    expected = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render_arrays(
         photo, defocus
     )
-    assert_array_equal(made.render(scene, settings).bokeh, wanted.bokeh)
+    assert_array_equal(result.render(scene, settings).bokeh, expected.bokeh)
     with pytest.raises(ParameterError, match=r"engine.name: expected one that supports aberrations"):
-        made.render(scene, with_groups(engine=EngineSettings(name="scatter")))
+        result.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     disc = BokehRenderer("rays", aperture=Aperture(blades=5))
-    found = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
-    assert found.report.engine == "scatter"
+    picture = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
+    assert picture.report.engine == "scatter"
     scatter = BokehRenderer("scatter", aperture=Aperture(blades=5)).render_arrays(photo, defocus)
-    assert_array_equal(found.bokeh, scatter.bokeh)
+    assert_array_equal(picture.bokeh, scatter.bokeh)
 
 
 def test_without_settings_a_ready_defocus_is_rendered(photo, defocus):
     scene = make_scene(photo, DefocusMap(map=defocus))
     renderer = BokehRenderer("scatter")
-    found = renderer.render(scene)
-    assert_array_equal(found.bokeh, renderer.render_arrays(photo, defocus).bokeh)
-    assert (found.report.focus_disparity, found.report.focus_distance) == (None, None)
+    picture = renderer.render(scene)
+    assert_array_equal(picture.bokeh, renderer.render_arrays(photo, defocus).bokeh)
+    assert (picture.report.focus_disparity, picture.report.focus_distance) == (None, None)
 
 
 def test_a_report_names_the_decisions(scene, photo, steps):
@@ -167,10 +167,10 @@ def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
     alpha[10:30, 24:40] = 1
     scene = make_scene(photo * alpha[..., None], RelativeDisparity(map=steps, as_stored=True), alpha=alpha)
     renderer = BokehRenderer("scatter")
-    found = renderer.render(scene, PLAIN)
+    picture = renderer.render(scene, PLAIN)
     grey = renderer.render_arrays(np.repeat(alpha[..., None], 3, -1), defocus).bokeh
-    assert_allclose(found.alpha, grey.mean(-1), atol=1e-6)
-    assert found.alpha.max() <= 1
+    assert_allclose(picture.alpha, grey.mean(-1), atol=1e-6)
+    assert picture.alpha.max() <= 1
 
 
 def test_strips_give_the_same_picture(scene, monkeypatch):
@@ -183,9 +183,9 @@ def test_strips_give_the_same_picture(scene, monkeypatch):
     calls = []
     settings = with_groups(engine=EngineSettings(max_memory=2_400_000))
     renderer = BokehRenderer("scatter")
-    found = renderer.render(tall_scene, settings, lambda *step: calls.append(step))
+    picture = renderer.render(tall_scene, settings, lambda *step: calls.append(step))
     assert calls[-1][1] > 1
-    assert_allclose(found.bokeh, renderer.render(tall_scene, PLAIN).bokeh, atol=1e-5)
+    assert_allclose(picture.bokeh, renderer.render(tall_scene, PLAIN).bokeh, atol=1e-5)
     assert_array_equal(tall_scene.image, tall)
 
 
@@ -203,9 +203,9 @@ def test_a_cancelled_rendering_does_not_begin(scene, photo, defocus):
     cancel.set()
     renderer = BokehRenderer("scatter")
     calls = []
-    for given in (scene, renderer.prepare(scene, PLAIN)):
+    for original in (scene, renderer.prepare(scene, PLAIN)):
         with pytest.raises(RenderCancelled):
-            renderer.render(given, PLAIN, lambda *step: calls.append(step), cancel=cancel)
+            renderer.render(original, PLAIN, lambda *step: calls.append(step), cancel=cancel)
     with pytest.raises(RenderCancelled):
         renderer.render_arrays(photo, defocus, lambda *step: calls.append(step), cancel=cancel)
     with pytest.raises(RenderCancelled):
@@ -240,23 +240,23 @@ def test_what_a_callback_raises_ends_the_rendering(scene):
 def test_a_renderer_can_be_pickled(scene, engine, random_weights):
     weights = random_weights if engine == "fast" else None
     renderer = BokehRenderer(engine, aperture=Aperture(blades=6), weights=weights)
-    wanted = renderer.render(scene, PLAIN).bokeh
+    expected = renderer.render(scene, PLAIN).bokeh
     copy = pickle.loads(pickle.dumps(renderer))
     assert (copy.engine, copy.aperture) == (renderer.engine, renderer.aperture)
-    assert_array_equal(copy.render(scene, PLAIN).bokeh, wanted)
+    assert_array_equal(copy.render(scene, PLAIN).bokeh, expected)
 
 
 def test_scenes_results_and_sources_can_be_pickled(folder, scene):
     settings = dataclasses.replace(PLAIN, input=InputSettings(disparity="disparity.png"))
     renderer = BokehRenderer("scatter")
     for one in (scene, read_scene("photo.exr", settings)):
-        wanted = renderer.render(one, PLAIN)
-        assert_array_equal(renderer.render(pickle.loads(pickle.dumps(one)), PLAIN).bokeh, wanted.bokeh)
+        expected = renderer.render(one, PLAIN)
+        assert_array_equal(renderer.render(pickle.loads(pickle.dumps(one)), PLAIN).bokeh, expected.bokeh)
         prepared = pickle.loads(pickle.dumps(renderer.prepare(one, PLAIN)))
-        assert_array_equal(renderer.render(prepared, PLAIN).bokeh, wanted.bokeh)
-        copy = pickle.loads(pickle.dumps(wanted))
-        assert_array_equal(copy.bokeh, wanted.bokeh)
-        assert copy.report == wanted.report
+        assert_array_equal(renderer.render(prepared, PLAIN).bokeh, expected.bokeh)
+        copy = pickle.loads(pickle.dumps(expected))
+        assert_array_equal(copy.bokeh, expected.bokeh)
+        assert copy.report == expected.report
     assert pickle.loads(pickle.dumps(ConstantDisparity(value=0.5))).value == 0.5
 
 
@@ -312,10 +312,10 @@ def test_an_exr_is_saved_in_place_of_the_picture_it_came_from(folder, write_chan
     settings = dataclasses.replace(PLAIN, input=InputSettings(disparity="disparity.png"))
     result = BokehRenderer("scatter").render(read_scene("layer.exr", settings), settings)
     result.save("layer.exr")
-    found = read_channels(folder / "layer.exr").channels
-    assert set(found) == {"R", "G", "B", "matte"}
-    assert_array_equal(found["matte"], matte)
-    assert_allclose(found["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
+    channels = read_channels(folder / "layer.exr").channels
+    assert set(channels) == {"R", "G", "B", "matte"}
+    assert_array_equal(channels["matte"], matte)
+    assert_allclose(channels["G"], result.bokeh[..., 1], rtol=HALF, atol=1e-5)
 
 
 def test_the_saved_settings_reproduce_the_picture(folder, random_weights):
@@ -361,8 +361,8 @@ def test_a_window_moves_what_is_centred(photo, steps):
         photo[8:28, 16:48], RelativeDisparity(map=steps[8:28, 16:48], as_stored=True), window=window
     )
     sharp = dataclasses.replace(settings, camera=CameraSettings(blur=0))
-    found = BokehRenderer("scatter").render(part, sharp)
-    assert_allclose(found.bokeh, whole.bokeh[8:28, 16:48], atol=1e-6)
+    picture = BokehRenderer("scatter").render(part, sharp)
+    assert_allclose(picture.bokeh, whole.bokeh[8:28, 16:48], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -409,9 +409,9 @@ def test_settings_have_no_other_keys(scene, wrong):
     ],
 )
 def test_arrays_that_make_no_scene_are_refused(photo, steps, change, kind, words):
-    given = {"image": photo, "alpha": None} | change
+    original = {"image": photo, "alpha": None} | change
     with pytest.raises(kind, match=words):
-        make_scene(given["image"], RelativeDisparity(map=steps), alpha=given["alpha"])
+        make_scene(original["image"], RelativeDisparity(map=steps), alpha=original["alpha"])
 
 
 def test_a_map_of_another_size_is_resized_on_request_only(photo, steps):
@@ -419,8 +419,8 @@ def test_a_map_of_another_size_is_resized_on_request_only(photo, steps):
     renderer = BokehRenderer("scatter")
     with pytest.raises(ShapeError, match=r"64x40 pixels but its disparity is 32x20.*`depth.resize`"):
         renderer.render(scene, PLAIN)
-    found = renderer.render(scene, with_groups(depth=DepthSettings(repair="off", resize=True)))
-    assert_allclose(found.defocus, 9 * (steps - np.float32(0.4)), atol=1e-5)
+    picture = renderer.render(scene, with_groups(depth=DepthSettings(repair="off", resize=True)))
+    assert_allclose(picture.defocus, 9 * (steps - np.float32(0.4)), atol=1e-5)
 
 
 def test_an_unknown_engine_is_refused():

@@ -31,21 +31,21 @@ def test_without_a_focal_length_the_phone_has_26_mm(phone):
 
 def test_what_is_given_wins_over_what_files_say():
     file = Camera(focal_length=35.0, f_number=4.0, sensor_width=24.0)
-    found = complete_camera(CameraSettings(f_number=2, sensor_width=36), file, "input.depth")
-    assert found == LensNumbers(focal_length=35, f_number=2, sensor_width=36)
+    result = complete_camera(CameraSettings(f_number=2, sensor_width=36), file, "input.depth")
+    assert result == LensNumbers(focal_length=35, f_number=2, sensor_width=36)
 
 
 @pytest.mark.parametrize(
-    ("given", "file", "missing"),
+    ("arguments", "file", "missing"),
     [
         ({}, None, "`camera.focal_length`, `camera.f_number` and `camera.sensor_width`"),
         ({"f_number": 2}, Camera(focal_length=50), "needs `camera.sensor_width`"),
         ({"f_number": 2}, Camera(), "`camera.focal_length` and `camera.sensor_width`"),
     ],
 )
-def test_a_value_missing_in_both_is_requested(given, file, missing):
+def test_a_value_missing_in_both_is_requested(arguments, file, missing):
     with pytest.raises(ParameterError) as caught:
-        complete_camera(CameraSettings(**given), file, "input.depth")
+        complete_camera(CameraSettings(**arguments), file, "input.depth")
     assert missing in str(caught.value)
     assert "`input.depth` needs" in str(caught.value)
     assert caught.value.parameter.startswith("camera.")

@@ -15,9 +15,9 @@ SMALL, LARGE = (np.where(np.arange(n) < n // 2, 0.2, 0.8)[None].repeat(3 * n // 
 def fitted(source, repair: str) -> np.ndarray:
     scene = make_scene(PICTURE, source)
     settings = DepthSettings(resize=True, repair=repair)
-    found = map_at_picture_size(scene, settings)
-    assert found.shape == PICTURE.shape[:2]
-    return found
+    result = map_at_picture_size(scene, settings)
+    assert result.shape == PICTURE.shape[:2]
+    return result
 
 
 @pytest.mark.parametrize("repair", ["auto", "on"])

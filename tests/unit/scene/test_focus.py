@@ -29,7 +29,7 @@ def metric(metres, camera=None):
 
 
 def test_a_lens_is_focused_where_the_plane_is_in_the_middle():
-    """What other options take as the focus; the map is 0.1 at the left and 0.9 at the right, linear."""
+    """The focus in the middle of a map that is linear from 0.1 at the left to 0.9 at the right."""
     depth = relative(np.linspace(0.1, 0.9, WIDTH)[None].repeat(HEIGHT, 0))
     focus = FocusSettings(plane=((3, 3), (60, 5), (20, 30)))
     lens = focus_lens(depth, WINDOW, focus, CameraSettings(blur=6))
@@ -45,8 +45,8 @@ def test_the_ends_of_a_range_come_in_any_order():
     for ends in ((0.3, 0.5), (0.5, 0.3)):
         lens = focus_lens(depth, WINDOW, FocusSettings(range=ends), CameraSettings(blur=6))
         assert (lens.near, lens.far) == (0.5, 0.3)
-        wanted = 6 * (depth.values - np.clip(depth.values, 0.3, 0.5))
-        assert_allclose(lens.defocus(depth.values), wanted, atol=1e-6)
+        expected = 6 * (depth.values - np.clip(depth.values, 0.3, 0.5))
+        assert_allclose(lens.defocus(depth.values), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("focus", [1.0, 3.0, math.inf])
@@ -64,10 +64,10 @@ def test_a_distance_gives_the_textbook_circle_of_confusion(focus):
 def test_the_file_sets_focus_and_camera_without_options():
     camera = Camera(focal_length=50.0, f_number=2.0, sensor_width=36.0, focus_distance=1500.0)
     depth = metric(np.full((HEIGHT, WIDTH), 4.0), camera)
-    found = focus_lens(depth, WINDOW, FocusSettings(), CameraSettings())
-    wanted = focus_lens(metric(np.full((HEIGHT, WIDTH), 4.0)), WINDOW, FocusSettings(distance=1.5), LENS)
-    assert found.distance == pytest.approx(1.5)
-    assert_allclose(found.defocus(depth.values), wanted.defocus(depth.values))
+    result = focus_lens(depth, WINDOW, FocusSettings(), CameraSettings())
+    expected = focus_lens(metric(np.full((HEIGHT, WIDTH), 4.0)), WINDOW, FocusSettings(distance=1.5), LENS)
+    assert result.distance == pytest.approx(1.5)
+    assert_allclose(result.defocus(depth.values), expected.defocus(depth.values))
 
 
 def test_a_pixel_is_one_of_the_shown_picture():

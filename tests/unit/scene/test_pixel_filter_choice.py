@@ -1,4 +1,4 @@
-"""Where the pixel filter of a picture comes from."""
+"""Choice of the pixel filter of a picture."""
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -42,15 +42,15 @@ def test_the_file_names_its_renderer(tmp_path):
     output.close()
     assert read_frame(path).renderer == "arnold"
     scene = read_scene(path, source=ConstantDisparity(value=0.2))
-    found = choose_filter(scene, "auto")
-    assert str(found) == "gaussian:2 (of arnold, which wrote the file)"
+    choice = choose_filter(scene, "auto")
+    assert str(choice) == "gaussian:2 (of arnold, which wrote the file)"
     assert choose_filter(scene, "mitchell").pixel_filter == PixelFilter("mitchell", 4)
 
 
 def test_without_metadata_the_edges_decide():
     scene = make_scene(np.full((20, 30, 3), 0.5, np.float32), ConstantDisparity(value=0.2))
-    found = choose_filter(scene, "auto")
-    assert (found.pixel_filter, found.confidence) == (DEFAULT_FILTER, 0.0)
+    choice = choose_filter(scene, "auto")
+    assert (choice.pixel_filter, choice.confidence) == (DEFAULT_FILTER, 0.0)
 
 
 def test_the_report_names_the_filter_of_unmixed_pixels():
@@ -62,15 +62,17 @@ def test_the_report_names_the_filter_of_unmixed_pixels():
 
 
 def test_the_filter_reaches_the_rays():
-    """How pure the surfaces of an edge pixel come out depends on it."""
+    """The purity of the surfaces of an edge pixel depends on the filter."""
     image = np.full((40, 60, 3), 0.1, np.float32)
     image[:, :30], image[:, 30] = 0.9, 0.6
     disparity = np.where(np.arange(60) < 31, 0.9, 0.1).astype(np.float32) * np.ones((40, 1), np.float32)
     renderer = BokehRenderer("rays")
     defocus = 10 * (disparity - 0.5)
     pictures = [
-        renderer.render_arrays(image, defocus, options=RenderOptions(pixel_filter=PixelFilter(*told))).bokeh
-        for told in (("box", 1.0), ("gaussian", 4.0))
+        renderer.render_arrays(
+            image, defocus, options=RenderOptions(pixel_filter=PixelFilter(*message))
+        ).bokeh
+        for message in (("box", 1.0), ("gaussian", 4.0))
     ]
     assert np.abs(pictures[0] - pictures[1]).max() > 0.01
 

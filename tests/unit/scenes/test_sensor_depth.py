@@ -63,5 +63,5 @@ def test_about_the_middle_depth_is_that_of_the_normal():
     """Authority: a point on the lens's axis is cos(tilt) as far along the normal, both tilts together."""
     lens = TiltShift(lens=ThinLens(focal_length=50.0, f_number=4.0), tilt=(7.0, -30.0))
     camera = Camera(lens=lens, width=1, height=1, pixel_pitch=3.0)
-    found = float(depth_along_sensor(camera, torch.tensor([[2000.0]], dtype=torch.float64)))
-    assert found == pytest.approx(2000 * np.cos(np.radians(7)) * np.cos(np.radians(30)), rel=1e-12)
+    result = float(depth_along_sensor(camera, torch.tensor([[2000.0]], dtype=torch.float64)))
+    assert result == pytest.approx(2000 * np.cos(np.radians(7)) * np.cos(np.radians(30)), rel=1e-12)

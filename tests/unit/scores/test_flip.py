@@ -20,9 +20,9 @@ def pair(height=60, width=80):
 def test_it_equals_the_output_of_the_authors_program(pixels_per_degree):
     evaluator = pytest.importorskip("flip_evaluator")
     reference, test = pair()
-    told = {"ppd": pixels_per_degree}
-    wanted = evaluator.evaluate(reference, test, "LDR", applyMagma=False, parameters=told)[0][..., 0]
-    assert np.abs(flip_map(reference, test, pixels_per_degree) - wanted).max() < 2e-3
+    reports = {"ppd": pixels_per_degree}
+    expected = evaluator.evaluate(reference, test, "LDR", applyMagma=False, parameters=reports)[0][..., 0]
+    assert np.abs(flip_map(reference, test, pixels_per_degree) - expected).max() < 2e-3
 
 
 def test_it_is_symmetric_and_zero_for_the_same():

@@ -34,7 +34,7 @@ def test_psnr_is_scikit_images_and_of_the_pixels_that_count():
 def test_ssim_is_scikit_images():
     metrics = pytest.importorskip("skimage.metrics")
     reference, test = pair()
-    wanted, whole = metrics.structural_similarity(
+    expected, whole = metrics.structural_similarity(
         reference,
         test,
         channel_axis=2,
@@ -44,6 +44,6 @@ def test_ssim_is_scikit_images():
         use_sample_covariance=False,
         full=True,
     )
-    found = ssim_map(reference, test)
-    assert np.abs(found - whole[5:-5, 5:-5]).max() < 1e-9
-    assert found.mean() == pytest.approx(wanted)
+    result = ssim_map(reference, test)
+    assert np.abs(result - whole[5:-5, 5:-5]).max() < 1e-9
+    assert result.mean() == pytest.approx(expected)

@@ -41,7 +41,7 @@ def test_format_is_the_inverse_of_parse(frames):
 
 
 @pytest.mark.parametrize(
-    ("name", "frame", "wanted"),
+    ("name", "frame", "expected"),
     [
         ("shot.####.exr", 12, "shot.0012.exr"),
         ("shot.%04d.exr", 12, "shot.0012.exr"),
@@ -52,7 +52,7 @@ def test_format_is_the_inverse_of_parse(frames):
         ("100%.exr", 5, "100%.exr"),
     ],
 )
-def test_the_last_place_in_the_name_takes_the_number(name, frame, wanted):
+def test_the_last_place_in_the_name_takes_the_number(name, frame, expected):
     path = Path("####") / name
-    assert frame_path(path, frame) == Path("####") / wanted
-    assert is_pattern(path) == (wanted != name)
+    assert frame_path(path, frame) == Path("####") / expected
+    assert is_pattern(path) == (expected != name)

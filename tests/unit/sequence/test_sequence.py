@@ -94,8 +94,8 @@ def test_a_file_that_cannot_be_read_is_reported(tmp_path):
 
 def test_ends_make_a_pull_from_the_first_frame_to_the_last(tmp_path):
     ends = SequenceSettings(focus_from=1, focus_to=math.inf, f_number_from=8, f_number_to=2)
-    found = make_pull([3, 5, 7], ends, metric=True)
-    assert found.keys == {"focus_distance": [(3, 1), (7, math.inf)], "f_number": [(3, 8), (7, 2)]}
+    result = make_pull([3, 5, 7], ends, metric=True)
+    assert result.keys == {"focus_distance": [(3, 1), (7, math.inf)], "f_number": [(3, 8), (7, 2)]}
     relative = make_pull(
         [3], SequenceSettings(focus_from=0.1, focus_to=0.9, blur_from=2, blur_to=4), metric=False
     )
@@ -130,13 +130,13 @@ def test_half_a_pull_is_reported(settings, parameter, words):
 
 def test_a_frame_has_its_files_and_what_is_pulled_and_everything_else_stays():
     shot = RenderSettings(input=InputSettings(disparity="z.##.png"), camera=CameraSettings(blur=9))
-    found = settings_at_frame(shot, 7, Pull(keys={"focus": [(1, 0.1), (11, 0.6)]}))
-    assert str(found.input.disparity) == "z.07.png"
-    assert found.depth.as_stored  # frames are treated alike
-    assert (found.focus.value, found.camera.blur) == (pytest.approx(0.4), 9)
+    result = settings_at_frame(shot, 7, Pull(keys={"focus": [(1, 0.1), (11, 0.6)]}))
+    assert str(result.input.disparity) == "z.07.png"
+    assert result.depth.as_stored  # frames are treated alike
+    assert (result.focus.value, result.camera.blur) == (pytest.approx(0.4), 9)
     still = RenderSettings(input=InputSettings(disparity="z.png"), output=OutputSettings(save_maps="m"))
     assert settings_at_frame(still, 7) == still
-    assert input_files(found).keys() == {"disparity"}
+    assert input_files(result).keys() == {"disparity"}
     assert input_files(RenderSettings(input=InputSettings(defocus="d.exr"))).keys() == {"defocus"}
 
 

@@ -67,8 +67,8 @@ def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp
     steady = FilteredShot(tmp_path)
     steady.filter(zip(images, maps, strict=True), range(12))
     for t in (0, 6, 11):
-        found = steady.read(t)
-        away, before = np.abs(found - truth[t]), np.abs(maps[t] - truth[t])
+        result = steady.read(t)
+        away, before = np.abs(result - truth[t]), np.abs(maps[t] - truth[t])
         # A mean of 12 draws has 1 / sqrt(12) of their deviation, a line at its ends up to twice that.
         assert np.median(away) < (0.35 if t == 6 else 0.6) * np.median(before)
         assert np.mean(away > 0.1) < 0.005  # of 24 % in the square

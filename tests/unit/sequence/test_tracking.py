@@ -114,7 +114,7 @@ def test_a_lost_thing_is_reported(shot, cli):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--track", "500,40"], "--track: expected a pixel inside the picture of 200x120, got 500,40"),
         (["--track", "5"], "--track: expected a pixel X,Y, or X,Y@FRAME"),
@@ -122,8 +122,8 @@ def test_a_lost_thing_is_reported(shot, cli):
         (["--track", "5,5", "--focus-from", "0", "--focus-to", "1"], "--track: expected no other focus"),
     ],
 )
-def test_an_invalid_track_is_reported_in_one_line(shot, cli, words, told):
+def test_an_invalid_track_is_reported_in_one_line(shot, cli, words, message):
     outcome = cli(*WORDS, "--frames", "0-5", *words)
     assert (outcome.code, outcome.out) == (1, "")
-    assert told in outcome.err
+    assert message in outcome.err
     assert outcome.err.count("\n") == 1

@@ -27,7 +27,7 @@ SIZE = 96, 64
 
 
 def picture(number):
-    """A frame that tells its number by eight squares of black and white."""
+    """A frame with its number in eight squares of black and white."""
     width, height = SIZE
     colors = np.full((height, width, 3), 90, np.uint8)
     colors[20:44, 30:60] = (40 + number, 120, 160)
@@ -38,14 +38,14 @@ def picture(number):
 
 def numbers(path):
     """The numbers that the frames of a video tell."""
-    found = []
+    results = []
     with av.open(str(path)) as container:
         for frame in container.decode(video=0):
             grey = frame.to_ndarray(format="gray")
-            found.append(
+            results.append(
                 sum(int(grey[3:9, 12 * bit + 3 : 12 * bit + 9].mean() > 128) << bit for bit in range(8))
             )
-    return found
+    return results
 
 
 def sound(path):
@@ -86,17 +86,17 @@ def make_clip(path, frames=10, codec="libx264", pixels="yuv420p", codes=(1, 1, 1
 
 
 def job(clip, output, codec="h264", **options):
-    told = {"input": {"constant_disparity": 0.5}, "camera": {"blur": 4}, "focus": {"value": 0.25}}
-    settings = RenderSettings().updated(told | {"engine": {"name": "scatter"}})
+    reports = {"input": {"constant_disparity": 0.5}, "camera": {"blur": 4}, "focus": {"value": 0.25}}
+    settings = RenderSettings().updated(reports | {"engine": {"name": "scatter"}})
     return VideoJob(info=video_info(clip), output=output, settings=settings, codec=codec, **options)
 
 
 def test_times_sound_and_timecode_are_kept(tmp_path):
     times = make_clip(tmp_path / "clip.mp4")
     job(tmp_path / "clip.mp4", tmp_path / "out.mp4").run(BokehRenderer("scatter"))
-    found = video_info(tmp_path / "out.mp4")
-    assert found.times == times
-    assert found.timecode == "01:02:03:04"
+    info = video_info(tmp_path / "out.mp4")
+    assert info.times == times
+    assert info.timecode == "01:02:03:04"
     assert numbers(tmp_path / "out.mp4") == list(range(10))
     assert sound(tmp_path / "out.mp4") == sound(tmp_path / "clip.mp4")
     assert not (tmp_path / ".bokehnet-video-out.mp4").exists()
@@ -114,8 +114,8 @@ def test_times_sound_and_timecode_are_kept(tmp_path):
 def test_ten_bits_and_the_tags_of_hdr_are_kept(tmp_path, name, codec, pixels, transfer):
     make_clip(tmp_path / "clip.mov", 3, "libx265", "yuv420p10le", (9, transfer, 9))
     job(tmp_path / "clip.mov", tmp_path / name, codec).run(BokehRenderer("scatter"))
-    found = video_info(tmp_path / name)
-    assert (found.pixels, found.codes, found.full) == (pixels, (9, transfer, 9), False)
+    info = video_info(tmp_path / name)
+    assert (info.pixels, info.codes, info.full) == (pixels, (9, transfer, 9), False)
 
 
 @pytest.mark.parametrize(("codes", "least"), [((1, 1, 1), 60), ((9, 16, 9), 60), ((9, 18, 9), 60)])
@@ -142,11 +142,11 @@ def test_a_run_that_is_stopped_goes_on_without_rendering_again(tmp_path, monkeyp
     class Stopping(BokehRenderer):
         left = 6
 
-        def render(self, *given, **options):
+        def render(self, *arguments, **options):
             self.left -= 1
             if self.left < 0:
                 raise KeyboardInterrupt
-            return super().render(*given, **options)
+            return super().render(*arguments, **options)
 
     renderer = Stopping("scatter")
     for _ in range(2):
@@ -162,8 +162,8 @@ def test_a_run_that_is_stopped_goes_on_without_rendering_again(tmp_path, monkeyp
 
 
 def test_segments_of_other_settings_are_not_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(video_module, "join_segments", lambda *given: None)
-    monkeypatch.setattr(video_module.shutil, "rmtree", lambda *given, **options: None)
+    monkeypatch.setattr(video_module, "join_segments", lambda *arguments: None)
+    monkeypatch.setattr(video_module.shutil, "rmtree", lambda *arguments, **options: None)
     make_clip(tmp_path / "clip.mp4", 3)
     first = job(tmp_path / "clip.mp4", tmp_path / "out.mp4")
     first.run(BokehRenderer("scatter"))
@@ -240,9 +240,9 @@ def test_a_video_of_depth_is_disparity_as_it_is_stored(tmp_path):
     for depth, output in (("depth.mkv", "video.mkv"), ("maps", "folder.mkv")):
         words = ["render", str(tmp_path / "clip.mkv"), "--disparity", str(tmp_path / depth), *SEEN]
         assert run([*words, "--steady", "off", "-o", str(tmp_path / output)]) == 0
-    found, wanted = (list(read_video(video_info(tmp_path / name))) for name in ("video.mkv", "folder.mkv"))
-    assert len(found) == len(wanted) == 5
-    np.testing.assert_allclose(found, wanted, atol=0.02)  # 219 levels of 255
+    result, expected = (list(read_video(video_info(tmp_path / name))) for name in ("video.mkv", "folder.mkv"))
+    assert len(result) == len(expected) == 5
+    np.testing.assert_allclose(result, expected, atol=0.02)  # 219 levels of 255
 
 
 def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeypatch):
@@ -253,7 +253,7 @@ def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeyp
     words = ["render", str(tmp_path / "clip.mkv"), "--disparity", str(tmp_path / "depth.mkv"), *SEEN]
     kept = {}
 
-    def keep(path, *given, **options):
+    def keep(path, *arguments, **options):
         steady = FilteredShot(path / "maps")
         if steady.is_done:
             kept.update({t: steady.read(t) for t in range(12)})
@@ -298,7 +298,7 @@ def write_network(path):
 
 @pytest.mark.parametrize("steady", ["on", "off"])
 def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monkeypatch, steady):
-    """Authority: the same clip with red as a video of depth. The network is asked once a frame if steady."""
+    """Authority: the same clip with red as a video of depth. The network runs once per frame if steady."""
     pytest.importorskip("onnx", reason="makes networks with the extra train")
     rng = np.random.default_rng(0)
     red = np.broadcast_to(np.where(np.arange(96) < 40, 0, 255), (64, 96)).astype(np.uint8)
@@ -307,24 +307,24 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
     write_video(tmp_path / "clip.mkv", pictures)
     write_video(tmp_path / "depth.mkv", [red] * 5)
     write_network(tmp_path / "red.onnx")
-    opened, asked = [], []
+    opened, requested = [], []
     make, look = DepthEstimator.__init__, DepthEstimator.__call__
     monkeypatch.setattr(DepthEstimator, "__init__", lambda *x, **y: (opened.append(1), make(*x, **y))[1])
-    monkeypatch.setattr(DepthEstimator, "__call__", lambda *x: (asked.append(1), look(*x))[1])
+    monkeypatch.setattr(DepthEstimator, "__call__", lambda *x: (requested.append(1), look(*x))[1])
     words = ["render", str(tmp_path / "clip.mkv"), *SEEN, "--steady", steady]
     model = ["--depth-model", str(tmp_path / "red.onnx"), "--depth-convention", str(tmp_path / "own.toml")]
     (tmp_path / "own.toml").write_text('size = 96\nfit = "stretch"\noutput = "disparity"\n')
     assert run([*words, *model, "-o", str(tmp_path / "model.mkv")]) == 0
-    assert (len(opened), len(asked)) == (1, 5)
+    assert (len(opened), len(requested)) == (1, 5)
     assert run([*words, "--disparity", str(tmp_path / "depth.mkv"), "-o", str(tmp_path / "red.mkv")]) == 0
-    found, wanted = (list(read_video(video_info(tmp_path / name))) for name in ("model.mkv", "red.mkv"))
-    assert len(found) == 5
-    away = np.abs(np.subtract(found, wanted))
+    result, expected = (list(read_video(video_info(tmp_path / name))) for name in ("model.mkv", "red.mkv"))
+    assert len(result) == 5
+    away = np.abs(np.subtract(result, expected))
     assert away.mean() < 0.005  # half a level of 219 moves blur by 0.02 pixels
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["-o", "out.png"], "--output"),
         (["-o", "clip.mp4"], "another file than the video"),
@@ -333,14 +333,16 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
         (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
     ],
 )
-def test_options_that_do_not_fit_a_video_are_reported_in_one_line(tmp_path, capsys, monkeypatch, words, told):
+def test_options_that_do_not_fit_a_video_are_reported_in_one_line(
+    tmp_path, capsys, monkeypatch, words, message
+):
     monkeypatch.chdir(tmp_path)
     make_clip(tmp_path / "clip.mp4", 2)
     before = (tmp_path / "clip.mp4").read_bytes()
     flat = ["--constant-disparity", "0.5", "--blur", "2", "--focus", "0.5"]
     assert run(["render", "clip.mp4", *flat, *words]) == 1
     error = capsys.readouterr().err.strip()
-    assert told in error
+    assert message in error
     assert "\n" not in error
     assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
     assert (tmp_path / "clip.mp4").read_bytes() == before

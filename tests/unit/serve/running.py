@@ -1,4 +1,4 @@
-"""A service in a process of its own, as its users have it, and what is asked of it."""
+"""A service in a process of its own, as its users run it, and requests to it."""
 
 import json
 import os
@@ -46,14 +46,14 @@ class Service:
         headers: dict[str, str] | None = None,
         states: tuple[str, ...] = ENDED,
     ) -> dict[str, Any]:
-        """Wait until a job is in one of some states; return what is told of it."""
+        """Wait until a job is in one of some states; return its description."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            told = self.client.get(f"/v1/jobs/{job}", headers=headers).json()
-            if told["state"] in states:
-                return told
+            response = self.client.get(f"/v1/jobs/{job}", headers=headers).json()
+            if response["state"] in states:
+                return response
             time.sleep(0.02)
-        raise TimeoutError(str(told))
+        raise TimeoutError(str(response))
 
     def workers(self) -> list[int]:
         """Processes that render."""
@@ -69,10 +69,10 @@ class Service:
 
 def children(pid: int) -> list[int]:
     """Processes of a process."""
-    found = []
+    results = []
     for task in Path(f"/proc/{pid}/task").iterdir():
-        found += [int(word) for word in (task / "children").read_text().split()]
-    return found
+        results += [int(word) for word in (task / "children").read_text().split()]
+    return results
 
 
 def command_line(pid: int) -> bytes:

@@ -21,18 +21,18 @@ JOBS, PORT = 8, 8133
 
 
 def test_environment_variables_identify_a_replica():
-    told = settings_from_environment(
+    message = settings_from_environment(
         {"BOKEHNET_SERVE_WORKERS": "2", "BOKEHNET_SERVE_MAX_UPLOAD": "2M", "HOME": "x"}
     )
-    assert told == ServiceSettings(workers=2, max_upload=2 * 2**20)
+    assert message == ServiceSettings(workers=2, max_upload=2 * 2**20)
     with pytest.raises(ParameterError, match="workers"):
         settings_from_environment({"BOKEHNET_SERVE_WORKERS": "many"})
 
 
 def replicas() -> list[int]:
     """Processes of replicas, as Ray names them."""
-    found = [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()]
-    return [pid for pid in found if b"ServeReplica" in command_line(pid)]
+    results = [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()]
+    return [pid for pid in results if b"ServeReplica" in command_line(pid)]
 
 
 @pytest.mark.slow

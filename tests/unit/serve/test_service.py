@@ -36,42 +36,42 @@ def scene(tmp_path_factory):
 def running(tmp_path_factory):
     folder = tmp_path_factory.mktemp("service")
     options = ("--max-pixels", "600000", "--max-upload", "3M", "--queue", "6", "--patience", "1")
-    with service(folder / "jobs", *options) as found:
-        yield found
+    with service(folder / "jobs", *options) as result:
+        yield result
 
 
 def problem(answer):
     assert answer.headers["content-type"] == "application/problem+json"
-    told = answer.json()
-    assert told["status"] == answer.status_code
-    assert "\n" not in told.get("detail", "")
-    return told
+    response = answer.json()
+    assert response["status"] == answer.status_code
+    assert "\n" not in response.get("detail", "")
+    return response
 
 
 def test_the_result_is_that_of_the_command_line(running, scene, cli, tmp_path):
     answer = running.post(scene)
     assert answer.status_code == 202
-    told = running.wait(answer.json()["id"])
-    assert (told["state"], told["attempts"]) == ("done", 1)
-    assert told["report"]["largest_blur_px"] == pytest.approx(6, abs=0.1)
-    result = running.client.get(told["links"]["result"])
+    response = running.wait(answer.json()["id"])
+    assert (response["state"], response["attempts"]) == ("done", 1)
+    assert response["report"]["largest_blur_px"] == pytest.approx(6, abs=0.1)
+    result = running.client.get(response["links"]["result"])
     assert result.headers["content-type"] == "image/png"
-    given = ("--disparity", scene / "disparity.png", *COMMAND, "-o", tmp_path / "out.png")
-    assert cli("render", scene / "image.png", *given).code == 0
+    options = ("--disparity", scene / "disparity.png", *COMMAND, "-o", tmp_path / "out.png")
+    assert cli("render", scene / "image.png", *options).code == 0
     assert result.content == (tmp_path / "out.png").read_bytes()
 
 
 def test_a_picture_without_depth_alone_is_refused_at_submission(running, scene):
     files = {"image": ("image.png", (scene / "image.png").read_bytes())}
-    told = problem(running.client.post("/v1/jobs", files=files))
-    assert (told["status"], told["parameter"]) == (422, "image")
-    assert "`disparity`, `depth` and `defocus`" in told["detail"]
+    response = problem(running.client.post("/v1/jobs", files=files))
+    assert (response["status"], response["parameter"]) == (422, "image")
+    assert "`disparity`, `depth` and `defocus`" in response["detail"]
     network = {"settings": json.dumps({"input": {"depth_model": "depth-pro"}})}
-    told = problem(running.client.post("/v1/jobs", files=files, data=network))
-    assert (told["parameter"], "not pinned" in told["detail"]) == ("input.depth_model", True)
+    response = problem(running.client.post("/v1/jobs", files=files, data=network))
+    assert (response["parameter"], "not pinned" in response["detail"]) == ("input.depth_model", True)
     files |= {"disparity": ("disparity.png", b"")}
-    told = problem(running.client.post("/v1/jobs", files=files))
-    assert (told["status"], told["parameter"]) == (422, "disparity")
+    response = problem(running.client.post("/v1/jobs", files=files))
+    assert (response["status"], response["parameter"]) == (422, "disparity")
 
 
 def test_the_page_of_the_interface_loads_nothing(running):
@@ -105,8 +105,8 @@ def test_a_key_brings_the_same_job_and_another_request_with_it_is_refused(runnin
     assert first.json()["id"] == again.json()["id"]
     running.wait(first.json()["id"])
     assert running.post(scene, key).status_code == 200
-    told = problem(running.post(scene, key, format="jpg"))
-    assert (told["status"], told["type"]) == (422, "urn:bokehnet:problem:idempotency")
+    response = problem(running.post(scene, key, format="jpg"))
+    assert (response["status"], response["type"]) == (422, "urn:bokehnet:problem:idempotency")
 
 
 @pytest.mark.parametrize(
@@ -141,9 +141,9 @@ def test_a_mistake_is_a_problem_document_and_no_job(running, scene, fields, word
     before = sorted(os.listdir(running.folder / "jobs"))
     answer = running.post(scene, **fields)
     assert answer.status_code == 422
-    told = problem(answer)
+    response = problem(answer)
     for word in words:
-        assert word in told["detail"]
+        assert word in response["detail"]
     assert sorted(os.listdir(running.folder / "jobs")) == before
     assert os.listdir(running.folder / "incoming") == []
 
@@ -159,18 +159,18 @@ def test_a_file_that_is_no_picture_fails_as_a_job(running, scene):
         "disparity": ("d.png", (scene / "disparity.png").read_bytes()),
     }
     answer = running.client.post("/v1/jobs", files=files, data={"settings": json.dumps(SETTINGS)})
-    told = running.wait(answer.json()["id"])
-    assert (told["state"], told["problem"]["type"]) == ("failed", "urn:bokehnet:problem:input")
-    assert str(running.folder) not in told["problem"]["detail"]
-    result = running.client.get(f"/v1/jobs/{told['id']}/result")
-    assert problem(result) == told["problem"]
+    response = running.wait(answer.json()["id"])
+    assert (response["state"], response["problem"]["type"]) == ("failed", "urn:bokehnet:problem:input")
+    assert str(running.folder) not in response["problem"]["detail"]
+    result = running.client.get(f"/v1/jobs/{response['id']}/result")
+    assert problem(result) == response["problem"]
 
 
 def test_too_many_pixels_fail_and_too_many_bytes_are_refused(running, scene, tmp_path):
     write_scene(tmp_path, 700, 1000)
-    told = running.wait(running.post(tmp_path).json()["id"])
-    assert told["problem"]["type"] == "urn:bokehnet:problem:too-many-pixels"
-    assert "1000x700" in told["problem"]["detail"]
+    response = running.wait(running.post(tmp_path).json()["id"])
+    assert response["problem"]["type"] == "urn:bokehnet:problem:too-many-pixels"
+    assert "1000x700" in response["problem"]["detail"]
     answer = running.client.post("/v1/jobs", files={"image": ("a.png", bytes(4 * 2**20))})
     assert (answer.status_code, problem(answer)["title"]) == (413, "The request is too large")
 
@@ -212,15 +212,15 @@ def test_a_killed_worker_loses_and_doubles_no_job(running, scene):
     running.wait(job, states=("running",))
     for pid in running.workers():
         os.kill(pid, signal.SIGKILL)
-    told = running.wait(job)
-    assert (told["state"], told["attempts"]) == ("done", 2)
+    response = running.wait(job)
+    assert (response["state"], response["attempts"]) == ("done", 2)
     assert running.metric("bokehnet_worker_deaths_total") == deaths + 1
     assert running.metric("bokehnet_jobs_doubled_total") == doubled
 
 
 def test_the_api_describes_itself(running):
-    told = running.client.get("/openapi.json").json()
-    assert set(told["paths"]) >= {
+    response = running.client.get("/openapi.json").json()
+    assert set(response["paths"]) >= {
         "/v1/jobs",
         "/v1/jobs/{job}",
         "/v1/jobs/{job}/result",
@@ -235,8 +235,8 @@ def test_a_service_that_is_killed_does_its_jobs_after_a_restart(scene, tmp_path,
         jobs = [first.post(scene / "large").json()["id"] for _ in range(2)]
         first.wait(jobs[0], states=("running",))
     with service(tmp_path / "jobs") as second:
-        told = [second.wait(job) for job in jobs]
-    assert [one["state"] for one in told] == ["done", "done"]
+        reports = [second.wait(job) for job in jobs]
+    assert [one["state"] for one in reports] == ["done", "done"]
     assert len(list((tmp_path / "jobs/jobs").glob("*/outcome.json"))) == 2
 
 

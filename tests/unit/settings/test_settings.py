@@ -61,7 +61,7 @@ WRONG = {
 
 
 def kind(known):
-    """What sort of values a field takes, told from its type alone."""
+    """Return the sort of values of a field from its type alone."""
     if known.choices:
         return "choice"
     if "tuple" in str(known.type):
@@ -95,14 +95,14 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_field(group, know
 def test_infinity_is_a_value_only_if_the_field_allows_it(group, known):
     """Authority: ``Setting.infinite``. Below 0 infinity needs a field without a lower bound as well."""
     for value in (math.inf, -math.inf):
-        given = {"number": value, "numbers": (value, 1.0)}.get(kind(known))
-        if given is None:
+        original = {"number": value, "numbers": (value, 1.0)}.get(kind(known))
+        if original is None:
             continue
         bounded = known.low is not None or known.above is not None
         if known.infinite and not (value < 0 and bounded):
-            assert group(**{known.name: given}) == group(**{known.name: given})
+            assert group(**{known.name: original}) == group(**{known.name: original})
         else:
-            refused(group, known, given)
+            refused(group, known, original)
 
 
 @pytest.mark.parametrize(("group", "known"), FIELDS, ids=lambda item: getattr(item, "path", None))
@@ -291,9 +291,9 @@ def test_a_file_may_use_the_flags_of_the_command_line(tmp_path):
         'disparity = "a.png"\nfocus-at = "3,4"\ndisparity-range = [0, 2]\nrefine-disparity = "off"\n'
         'max-memory = "1.5G"\nequaliser = "1,2,1"\naxial-fringe = 3\n'
     )
-    found = load_settings(path)
-    assert (found.focus.at, found.depth.value_range, found.depth.repair) == ((3, 4), (0, 2), "off")
-    assert (found.engine.max_memory, found.color.equaliser) == (3 * 2**29, (1, 2, 1))
+    result = load_settings(path)
+    assert (result.focus.at, result.depth.value_range, result.depth.repair) == ((3, 4), (0, 2), "off")
+    assert (result.engine.max_memory, result.color.equaliser) == (3 * 2**29, (1, 2, 1))
 
 
 @pytest.mark.parametrize(
@@ -420,7 +420,7 @@ def test_what_does_not_go_together_is_refused_by_its_field(changes, parameter):
 
 
 def test_a_strength_of_0_keeps_what_goes_with_it():
-    """What the command line has always taken: an effect switched off beside its numbers."""
+    """The command line accepts an effect that is switched off together with its numbers."""
     RenderSettings().updated(
         {"effects": {"vignette": 0, "vignette_radius": 0.5, "grain": 0, "grain_mono": True}}
     )
@@ -491,7 +491,7 @@ def probes(known):
 def test_ranges_agree_with_those_of_the_rooms_below(path):
     """Both ways, but that the settings also refuse whole numbers that are written as 5.0."""
     known = all_settings()[path]
-    taken = 0
+    selected = 0
     for value in probes(known):
         if value is None and known.default is None:
             continue
@@ -501,7 +501,7 @@ def test_ranges_agree_with_those_of_the_rooms_below(path):
             fitted = None
         if fitted is not None:
             BELOW[path](fitted)  # raises where the settings let too much pass
-            taken += 1
+            selected += 1
         elif known.type is float and isinstance(value, float) and math.isfinite(value):
             with pytest.raises(BokehnetError):  # the settings refuse nothing of use
                 BELOW[path](value)
@@ -509,7 +509,7 @@ def test_ranges_agree_with_those_of_the_rooms_below(path):
             BELOW[path](value)
         except BokehnetError:
             assert fitted is None
-    assert taken >= 2
+    assert selected >= 2
 
 
 def test_choices_are_those_of_the_rooms_below():

@@ -32,10 +32,10 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def session() -> Iterator[Session]:
-    made = Session()
-    made.start()
-    yield made
-    made.close()
+    result = Session()
+    result.start()
+    yield result
+    result.close()
 
 
 @pytest.fixture(autouse=True)
@@ -47,13 +47,13 @@ def _without_preset(request) -> None:
 
 @pytest.fixture
 def opened(session, files) -> Session:
-    told = {
+    reports = {
         "input": {"disparity": str(files / "map.png")},
         "camera": {"blur": 12},
         "focus": {"value": 0},
         "depth": {"repair": "off"},
     }
-    session.open(files / "photo.png", RenderSettings().updated(told))
+    session.open(files / "photo.png", RenderSettings().updated(reports))
     return session
 
 
@@ -72,18 +72,18 @@ def client(session):
 
 @pytest.fixture
 def frames() -> Callable[[bytes], list]:
-    """Headers and pixels of an answer, without what only tells progress."""
+    """Headers and pixels of an answer, without progress messages."""
 
     def read(body: bytes) -> list:
-        found = []
+        results = []
         while body:
             (size,) = struct.unpack("<I", body[:4])
             header, body = json.loads(body[4 : 4 + size]), body[4 + size :]
             pixels, body = body[: header["bytes"]], body[header["bytes"] :]
             if header["stage"] != "progress":
                 shape = (header.get("height", 0), header.get("width", 0), 4)
-                found.append((header, np.frombuffer(pixels, np.uint8).reshape(shape) if pixels else None))
-        return found
+                results.append((header, np.frombuffer(pixels, np.uint8).reshape(shape) if pixels else None))
+        return results
 
     return read
 

@@ -78,8 +78,8 @@ def test_an_image_tag_of_another_site_gets_nothing(client, site):
 
 
 def test_no_other_origin_is_ever_allowed(client):
-    asked = {"origin": "http://evil.example", "access-control-request-method": "POST"}
-    answers = [client.options("api/change", headers=asked), client.get("api/state"), client.get("")]
+    requested = {"origin": "http://evil.example", "access-control-request-method": "POST"}
+    answers = [client.options("api/change", headers=requested), client.get("api/state"), client.get("")]
     assert answers[0].status_code == 403
     for answer in answers:
         assert not [name for name in answer.headers if name.startswith("access-control")]
@@ -299,8 +299,8 @@ def test_a_long_request_is_cut_off(client, opened):
 def test_a_helper_that_dies_is_reported_and_the_next_picture_works(client, opened, frames):
     opened.fine._process.kill()
     opened.fine._process.join()
-    asked = {"width": 96, "height": 64, "client": "a"}
-    assert frames(client.post("api/preview", json=asked).content)[-1][0]["stage"] == "final"
+    requested = {"width": 96, "height": 64, "client": "a"}
+    assert frames(client.post("api/preview", json=requested).content)[-1][0]["stage"] == "final"
 
 
 def test_a_task_that_takes_too_long_is_ended():

@@ -1,4 +1,4 @@
-"""What the studio shows and makes: previews are the renderer's pictures, exports the command line's bytes."""
+"""Pictures of the studio: previews equal the renderer's pictures, exports the command line's bytes."""
 
 import dataclasses
 import shlex
@@ -41,24 +41,24 @@ def shown(light: np.ndarray) -> np.ndarray:
 def test_bytes_of_the_canvas_are_those_of_the_formula():
     """Authority: IEC 61966-2-1, as bokehnet.io.color.srgb has it in float32."""
     light = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32) ** 3
-    found = to_rgba(light, SRGB)
-    assert np.abs(found[..., :3] - shown(light)).max() <= 1
-    assert (found[..., :3] != shown(light)).mean() < 0.02
-    assert (found[..., 3] == 255).all()
+    result = to_rgba(light, SRGB)
+    assert np.abs(result[..., :3] - shown(light)).max() <= 1
+    assert (result[..., :3] != shown(light)).mean() < 0.02
+    assert (result[..., 3] == 255).all()
 
 
 def test_the_last_preview_is_the_renderers_picture(client, opened, frames):
-    found = frames(client.post("api/preview", json=ASKED).content)
-    assert [header["stage"] for header, _ in found][-2:] == ["scatter", "final"]
+    actual = frames(client.post("api/preview", json=ASKED).content)
+    assert [header["stage"] for header, _ in actual][-2:] == ["scatter", "final"]
     scene = read_scene(opened.opened.path, opened.settings)
-    for engine, (_, pixels) in zip(("scatter", "rays"), found[-2:], strict=True):
+    for engine, (_, pixels) in zip(("scatter", "rays"), actual[-2:], strict=True):
         result = BokehRenderer(engine).render(scene, opened.settings).bokeh
         assert np.abs(pixels[..., :3] - shown(result)).max() <= 1
 
 
 def test_a_change_of_focus_comes_with_its_preview(client, opened, frames):
-    asked = ASKED | {"changes": {"focus": {"at": [45, 35]}}}
-    header, _ = frames(client.post("api/preview", json=asked).content)[0]
+    requested = ASKED | {"changes": {"focus": {"at": [45, 35]}}}
+    header, _ = frames(client.post("api/preview", json=requested).content)[0]
     assert header["settings"]["focus"] == {"at": [45, 35]}
     # the map runs from 0 to 1 once it is stretched, and the square is its nearest
     assert header["focus_disparity"] == pytest.approx(1)
@@ -81,14 +81,14 @@ def test_null_brings_a_default_back(client, opened):
 
 def test_a_new_shape_comes_first_as_plain_discs(client, opened, frames):
     """Laying out a shape takes long; the first picture does not wait for it, and the next one knows it."""
-    asked = ASKED | {"changes": {"aperture": {"blades": 3, "rotation": 20.0}}}
-    found = frames(client.post("api/preview", json=asked).content)
-    assert [header["stage"] for header, _ in found] == ["draft", "scatter", "final"]
+    requested = ASKED | {"changes": {"aperture": {"blades": 3, "rotation": 20.0}}}
+    result = frames(client.post("api/preview", json=requested).content)
+    assert [header["stage"] for header, _ in result] == ["draft", "scatter", "final"]
     scene = read_scene(opened.opened.path, opened.settings)
     shaped = shown(BokehRenderer("scatter").render(scene, opened.settings).bokeh)
-    assert np.abs(found[1][1][..., :3] - shaped).max() <= 1
+    assert np.abs(result[1][1][..., :3] - shaped).max() <= 1
     again = frames(client.post("api/preview", json=ASKED).content)
-    assert (again[-2][1] == found[1][1]).all()
+    assert (again[-2][1] == result[1][1]).all()
 
 
 @pytest.mark.slow
@@ -120,15 +120,15 @@ def test_a_disabled_refinement_returns_at_once(opened):
 def test_a_fault_in_mid_render_is_reported_and_the_next_picture_works(client, opened, frames, monkeypatch):
     whole = type(opened.previews).stages
 
-    def broken(*given, **named):
-        yield next(whole(opened.previews, *given[1:], **named))
+    def broken(*arguments, **named):
+        yield next(whole(opened.previews, *arguments[1:], **named))
         raise ZeroDivisionError("a fault\nof ours")
 
     with monkeypatch.context() as patch:
         patch.setattr(type(opened.previews), "stages", broken)
-        found = frames(client.post("api/preview", json=ASKED).content)
-    assert found[0][1] is not None
-    assert found[-1][0]["error"] == "internal error: ZeroDivisionError: a fault of ours"
+        result = frames(client.post("api/preview", json=ASKED).content)
+    assert result[0][1] is not None
+    assert result[-1][0]["error"] == "internal error: ZeroDivisionError: a fault of ours"
     assert frames(client.post("api/preview", json=ASKED).content)[-1][0]["stage"] == "final"
 
 
@@ -185,10 +185,10 @@ def test_every_setting_is_in_a_panel_unless_it_is_a_path():
     ]
     for path, known in all_settings().items():
         if path in fields:
-            told = fields[path]
-            assert (told["help"], told["unit"]) == (HELP_TEXTS.get(path, known.help), known.unit)
-            assert "--" not in told["help"], path  # the page has no command line
-            assert "`" not in told["help"], path
+            response = fields[path]
+            assert (response["help"], response["unit"]) == (HELP_TEXTS.get(path, known.help), known.unit)
+            assert "--" not in response["help"], path  # the page has no command line
+            assert "`" not in response["help"], path
         else:
             hidden = is_path(known) or known.flag is None or known.group == "input"
             assert hidden or path in ("color.glass", "color.axial_map", "color.lateral_map"), path
@@ -214,11 +214,11 @@ def test_an_export_has_the_bytes_of_the_shown_command(client, opened, exported, 
     words = client.post("api/words", json={"name": "out.png"}).json()
     monkeypatch.chdir(tmp_path)
     assert run([*shlex.split(words["command"])[1:], "-q"]) == 0
-    made = (tmp_path / "out.png").read_bytes()
-    assert exported("out.png") == made
+    result = (tmp_path / "out.png").read_bytes()
+    assert exported("out.png") == result
     (tmp_path / "out.png").unlink()
     exec(words["python"], {})
-    assert (tmp_path / "out.png").read_bytes() == made
+    assert (tmp_path / "out.png").read_bytes() == result
 
 
 def test_an_export_of_a_painted_map_has_the_bytes_of_its_command(
@@ -489,8 +489,8 @@ def test_files_that_nothing_needs_any_more_are_removed(client, session, files, f
         client.post("api/open?name=photo.png", content=b"broken")
     assert len(list(session.folder.rglob("photo.png"))) == 1
     assert len(list(session.folder.rglob("map.png"))) == 1
-    asked = ASKED | {"changes": {"engine": {"name": "scatter"}}}
-    assert frames(client.post("api/preview", json=asked).content)[-1][0]["stage"] == "scatter"
+    requested = ASKED | {"changes": {"engine": {"name": "scatter"}}}
+    assert frames(client.post("api/preview", json=requested).content)[-1][0]["stage"] == "scatter"
 
 
 def test_an_exr_with_depth_opens_with_its_own(client, session, tmp_path, write_channels):
@@ -545,8 +545,8 @@ def test_hidden_takes_the_depth_of_the_farthest_surface_around_the_stroke():
 def test_a_brush_that_heeds_edges_stops_at_them():
     image = GREY.copy()
     image[:, 32:] = 0.9
-    told = {"effect": "nearer", "points": ((0.45, 0.5),), "radius": 0.15, "strength": 0.5}
-    heeding, heedless = (painted(FLAT, image, [Stroke(**told, edges=edges)]) for edges in (True, False))
+    reports = {"effect": "nearer", "points": ((0.45, 0.5),), "radius": 0.15, "strength": 0.5}
+    heeding, heedless = (painted(FLAT, image, [Stroke(**reports, edges=edges)]) for edges in (True, False))
     assert heeding[20, 27] > 0.6
     assert (heeding[:, 32:] == 0.5).all()
     assert heedless[20, 33] > 0.6

@@ -39,9 +39,9 @@ def test_set_holds_every_scene_once_and_reads_at_random(config, whole):
     samples = ShardSet(whole)
     assert len(samples) == config.scenes
     expected = make_sample(config, 3)
-    for found in (samples[3], read_sample(whole / "shard-000001.tar", "00000003")):
-        for field in dataclasses.fields(found):
-            assert np.array_equal(getattr(found, field.name), getattr(expected, field.name))
+    for result in (samples[3], read_sample(whole / "shard-000001.tar", "00000003")):
+        for field in dataclasses.fields(result):
+            assert np.array_equal(getattr(result, field.name), getattr(expected, field.name))
     with pytest.raises(IndexError):
         samples[config.scenes]
     assert json.loads((whole / "dataset.json").read_text()) == to_dict(config)
@@ -106,14 +106,14 @@ def test_set_that_was_begun_before_a_key_was_known_is_completed(config, whole, t
 
 
 def test_shards_are_what_webdataset_reads(config, whole):
-    """Authority: the webdataset package, and the layout it tells of: members named key.extension."""
+    """Authority: the webdataset package, and its documented layout: members named key.extension."""
     webdataset = pytest.importorskip("webdataset", reason="webdataset is not installed")
     urls = [f"file:{path}" for path in sorted(whole.glob("*.tar"))]
-    found = list(webdataset.WebDataset(urls, shardshuffle=False).decode())
-    assert [sample["__key__"] for sample in found] == [f"{index:08d}" for index in range(config.scenes)]
+    result = list(webdataset.WebDataset(urls, shardshuffle=False).decode())
+    assert [sample["__key__"] for sample in result] == [f"{index:08d}" for index in range(config.scenes)]
     expected = ShardSet(whole)[2]
     for field in dataclasses.fields(expected):
-        assert np.array_equal(found[2]["npz"][field.name], getattr(expected, field.name))
+        assert np.array_equal(result[2]["npz"][field.name], getattr(expected, field.name))
 
 
 def test_unknown_key_names_the_file_the_key_and_the_valid_keys(tmp_path):

@@ -31,8 +31,8 @@ def test_sharp_surfaces_are_where_a_pinhole_shows_them(name):
     """Authority: the pinhole's perspective; what is left is coma, under 0.7 pixels of 256."""
     lens = make_training_lens(name, PUPIL, FOCUS, 1.0, DISTANCE)
     sensor = np.array([[0.0, 0.0], [9.0, 0.0], [-12.0, 12.0], [18.0, 18.0]])
-    found = mean_slope(beams(lens, sensor), FOCUS)
-    assert np.abs(found + sensor / DISTANCE).max() < 0.7 * 36 / 256 / DISTANCE
+    result = mean_slope(beams(lens, sensor), FOCUS)
+    assert np.abs(result + sensor / DISTANCE).max() < 0.7 * 36 / 256 / DISTANCE
 
 
 @pytest.mark.parametrize("depth", [1500.0, 8000.0])

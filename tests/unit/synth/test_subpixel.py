@@ -16,8 +16,8 @@ SMALL = SynthConfig(seed=4, scenes=1, width=48, height=40, views=0, image_sample
 
 def test_filters_are_plain_means_and_gaussians_of_the_widths_of_cameras():
     drawn = [draw_pixel_filter(np.random.default_rng(seed)) for seed in range(200)]
-    assert 0.1 < np.mean([found == PixelFilter("box", 1) for found in drawn]) < 0.3
-    widths = [found.width for found in drawn if found.name == "gaussian"]
+    assert 0.1 < np.mean([result == PixelFilter("box", 1) for result in drawn]) < 0.3
+    widths = [result.width for result in drawn if result.name == "gaussian"]
     assert 1.3 <= min(widths) < 1.4
     assert 2.6 < max(widths) <= 2.7
 

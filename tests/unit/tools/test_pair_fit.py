@@ -12,7 +12,7 @@ HEIGHT, WIDTH = 120, 180
 
 
 def pair(aperture, blur=0.35, focus=30.0):
-    """Lamps over a ramp of depth and a wall, blurred as told, darker by a fifth, with noise."""
+    """Lamps over a ramp of depth and a wall, blurred by a known look, darker by a fifth, with noise."""
     rng = np.random.default_rng(0)
     image = rng.uniform(0.02, 0.06, (HEIGHT, WIDTH, 3))
     for y, x in zip(rng.integers(8, HEIGHT - 8, 30), rng.integers(8, WIDTH - 8, 30), strict=True):
@@ -28,16 +28,16 @@ def pair(aperture, blur=0.35, focus=30.0):
 def test_a_pair_names_blur_focus_and_aperture():
     """Authority: the scatter that made it; each within 5 % of its range."""
     truth = Aperture(blades=6, curvature=0.2, rotation=10.0, spherical_profile=0.3, cats_eye=0.5)
-    found = fit_pair(*pair(truth), blades=(0, 6))
-    assert found.blur == pytest.approx(0.35, rel=0.03)
-    assert found.focus == pytest.approx(30.0, abs=0.5)
-    assert found.look.blades == 6
-    assert found.look.curvature == pytest.approx(0.2, abs=0.05)
-    assert found.look.rotation == pytest.approx(10.0, abs=3.0)
-    assert found.look.spherical_profile == pytest.approx(0.3, abs=0.1)
-    assert found.look.cats_eye == pytest.approx(0.5, abs=0.075)
-    assert found.look.obstruction < 0.05
-    assert found.residuals[6] < 0.9 * found.residuals[0]
+    result = fit_pair(*pair(truth), blades=(0, 6))
+    assert result.blur == pytest.approx(0.35, rel=0.03)
+    assert result.focus == pytest.approx(30.0, abs=0.5)
+    assert result.look.blades == 6
+    assert result.look.curvature == pytest.approx(0.2, abs=0.05)
+    assert result.look.rotation == pytest.approx(10.0, abs=3.0)
+    assert result.look.spherical_profile == pytest.approx(0.3, abs=0.1)
+    assert result.look.cats_eye == pytest.approx(0.5, abs=0.075)
+    assert result.look.obstruction < 0.05
+    assert result.residuals[6] < 0.9 * result.residuals[0]
 
 
 def test_what_cannot_be_fitted_is_refused():

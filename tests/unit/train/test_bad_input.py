@@ -1,4 +1,4 @@
-"""What is broken is named in one line: shards and parts are left out with a count, the rest ends the run."""
+"""Damaged data is reported in one line: shards and parts are left out with a count, the rest ends the run."""
 
 import json
 import shutil
@@ -57,12 +57,12 @@ def test_a_broken_shard_and_a_broken_scene_are_named_once_counted_and_skipped(pa
     break_shard(pairs)
     examples = repairs(pairs)
     seen = [examples[i]["truth"] for i in range(20)]
-    told = warnings(capsys)
-    assert len(told) == 2
-    assert "shard-000000.tar" in told[0]
-    assert told[0].endswith("skipped, 1 so far")
-    assert "shard-000001.tar, sample 00000003: expected a training sample" in told[1]
-    assert told[1].endswith("skipped, 2 so far")
+    message = warnings(capsys)
+    assert len(message) == 2
+    assert "shard-000000.tar" in message[0]
+    assert message[0].endswith("skipped, 1 so far")
+    assert "shard-000001.tar, sample 00000003: expected a training sample" in message[1]
+    assert message[1].endswith("skipped, 2 so far")
     # What was left out does not change what comes: an example still follows from seed and number.
     again = repairs(pairs)
     assert all(torch.equal(again[i]["truth"], seen[i]) for i in (19, 4))
@@ -94,8 +94,8 @@ def test_preparing_leaves_broken_scenes_out_and_goes_on(pairs, tiny_prepared, tm
     break_sample(pairs, 2)
     config = PrepareConfig(folder=str(pairs), scenes_per_part=1)
     prepare(config, tmp_path / "prepared")
-    (told,) = warnings(capsys)
-    assert "sample 00000002" in told
+    (message,) = warnings(capsys)
+    assert "sample 00000002" in message
     whole, rest = PreparedSet(tiny_prepared), PreparedSet(tmp_path / "prepared")
     assert len(whole) - len(rest) == 4
     np.testing.assert_array_equal(rest[8], whole[12])
@@ -132,7 +132,7 @@ def test_weights_of_another_shape_or_version_are_refused(checkpoint):
     with pytest.raises(DataFileError, match="expected a checkpoint of repair, found one of arnet"):
         load_network(checkpoint, "repair")
     content = load_checkpoint(checkpoint)
-    for broken, told in (
+    for broken, message in (
         (
             {**content, "network": wide.state_dict()},
             r"expected weights backbone\.\S+ of shape .*, found \(12",
@@ -143,7 +143,7 @@ def test_weights_of_another_shape_or_version_are_refused(checkpoint):
         ({"step": 3}, "expected a checkpoint of arnet or"),
     ):
         torch.save(broken, checkpoint)
-        with pytest.raises((DataFileError, ConfigError), match=told):
+        with pytest.raises((DataFileError, ConfigError), match=message):
             load_network(checkpoint, "arnet")
     checkpoint.write_bytes(b"PK\3\4 no zip file")
     with pytest.raises(DataFileError, match="found something unreadable"):
@@ -178,10 +178,10 @@ def test_exported_networks_give_their_weights_back(tmp_path):
         assert torch.equal(fresh.state_dict()[key], x)
     rng = np.random.default_rng(0)
     arrays = [rng.random((1, c, 24, 16), dtype=np.float32) for c in (3, 1, 3)]
-    wanted = load_onnx(tmp_path, "arnet", ("image", "defocus", "classical"), 1)(*arrays)
+    expected = load_onnx(tmp_path, "arnet", ("image", "defocus", "classical"), 1)(*arrays)
     with torch.no_grad():
-        got = load_network(tmp_path, "arnet")(*map(torch.from_numpy, arrays))
-    for a, b in zip(got, wanted, strict=True):
+        result = load_network(tmp_path, "arnet")(*map(torch.from_numpy, arrays))
+    for a, b in zip(result, expected, strict=True):
         np.testing.assert_allclose(a.numpy(), b, atol=1e-5)
     (tmp_path / "arnet.onnx").write_bytes((tmp_path / "arnet.onnx").read_bytes() + b" ")
     with pytest.raises(ModelFileError, match=r"arnet\.onnx: expected the file that .*manifest\.json names"):

@@ -100,7 +100,7 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--data", "photos", "."], "kind: expected one of blb"),
         (["--data", "cycles", "nowhere"], "nowhere: expected pictures of a cycles set"),
@@ -115,7 +115,7 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
         (["--data", "cycles", ".", "--json", "nowhere/a.json"], "there is no folder nowhere"),
     ],
 )
-def test_mistakes_are_one_line(words, told, tmp_path, monkeypatch):
+def test_mistakes_are_one_line(words, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "BLB" / "0"
     folder.mkdir(parents=True)
@@ -124,5 +124,5 @@ def test_mistakes_are_one_line(words, told, tmp_path, monkeypatch):
     with pytest.raises(SystemExit) as caught:
         main(words)
     assert str(caught.value.code).startswith("error: ")
-    assert told in str(caught.value.code)
+    assert message in str(caught.value.code)
     assert "\n" not in str(caught.value.code)

@@ -47,8 +47,8 @@ def test_all_networks_are_made_within_twelve_hours_on_two_cores():
     recipe = load_recipe(FULL)
     assert recipe.workers == 2
     assert expected_seconds(recipe, recipe.steps) < 12 * 3600
-    made = {step.makes for step in recipe.steps if step.by == "export"}
-    assert made == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural")}
+    results = {step.makes for step in recipe.steps if step.by == "export"}
+    assert results == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural")}
 
 
 def test_the_smoke_recipe_has_the_steps_of_the_full_one_in_their_order():
@@ -184,7 +184,7 @@ def test_a_step_is_done_if_it_and_its_inputs_match_the_request(tmp_path):
 
 
 def test_a_training_with_changed_settings_is_not_resumed(tmp_path):
-    """What its own configuration says is the same; an export would be made anew."""
+    """Its own configuration is the same; an export would be repeated."""
     fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)
     finished(Progress(recipe, tmp_path), 0, 1, 2, 3, 4)
@@ -220,14 +220,14 @@ def test_a_step_that_fails_or_is_killed_is_begun_and_its_time_counts(tmp_path):
 
 def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
     main(["--dry-run", "--out", str(tmp_path / "out")])
-    told = capsys.readouterr().out
-    assert re.search(r"^runs/arnet_wide +arnet +\d+\.\d min +to do$", told, re.MULTILINE)
-    assert re.search(r"^expected: \d+\.\d h in all \(cores: 2\), ", told.splitlines()[-1])
+    message = capsys.readouterr().out
+    assert re.search(r"^runs/arnet_wide +arnet +\d+\.\d min +to do$", message, re.MULTILINE)
+    assert re.search(r"^expected: \d+\.\d h in all \(cores: 2\), ", message.splitlines()[-1])
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("steps = 3", "steps: expected"),
         ('[[steps]]\nmakes = "x"\nby = "magic"', "by: expected"),
@@ -235,12 +235,12 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
         ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_repair.toml"', "names|lacks"),
     ],
 )
-def test_mistakes_in_a_recipe_are_one_line(text, told, tmp_path):
+def test_mistakes_in_a_recipe_are_one_line(text, message, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(SystemExit) as caught:
         main(["--config", str(path), "--out", str(tmp_path / "out")])
-    assert re.match(f"error: .*{told}", str(caught.value.code))
+    assert re.match(f"error: .*{message}", str(caught.value.code))
     assert "\n" not in str(caught.value.code)
 
 

@@ -46,8 +46,8 @@ def wait_until(true: Callable[[], bool], recipe: subprocess.Popen) -> None:
 
 
 def states(folder: Path) -> dict[str, bool]:
-    told = json.loads((folder / "out/recipe.json").read_text())["steps"]
-    return {makes: step["done"] for makes, step in told.items()}
+    summary = json.loads((folder / "out/recipe.json").read_text())["steps"]
+    return {makes: step["done"] for makes, step in summary.items()}
 
 
 @pytest.mark.slow
@@ -85,6 +85,6 @@ def test_one_that_fails_is_named_and_the_others_stop_with_a_checkpoint(tmp_path)
     recipe = started(tmp_path, one=10**6, broken=-5)
     _, errors = recipe.communicate(timeout=200)
     assert recipe.returncode == 1
-    told = "error: runs/broken: optim.steps: expected 1 or more steps, found -5 (log: "
-    assert errors.startswith(told + str(tmp_path / "out/logs/runs-broken.log"))
+    message = "error: runs/broken: optim.steps: expected 1 or more steps, found -5 (log: "
+    assert errors.startswith(message + str(tmp_path / "out/logs/runs-broken.log"))
     assert states(tmp_path)["runs/one"] is False

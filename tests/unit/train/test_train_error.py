@@ -1,4 +1,4 @@
-"""ErrorNet: its examples are what they say, its loss asks for the mean error, and it trains."""
+"""ErrorNet: contents of its examples, minimum of its loss at the mean error, and training."""
 
 import json
 
@@ -42,14 +42,14 @@ def test_an_example_holds_the_renders_of_its_pair(rays_set, tiny_pairs):
     defocus = defocus_from_disparity(sample.disparity, float(sample.blur[1]), float(sample.focus[1]))
     planes = ErrorCrops(config_for(rays_set)).sets[0][3]
     height, width = defocus.shape
-    found = error_parts(planes, slice(0, height), slice(0, width))
-    wanted = render_rays(image, defocus)
-    pictures = {"image": image, "rays": wanted.bokeh, "truth": sample.bokeh[1]}
+    result = error_parts(planes, slice(0, height), slice(0, width))
+    expected = render_rays(image, defocus)
+    pictures = {"image": image, "rays": expected.bokeh, "truth": sample.bokeh[1]}
     for name, picture in pictures.items():
-        assert_allclose(found[name].transpose(1, 2, 0), picture, rtol=1e-3, atol=1e-3)
-    maps = np.stack([defocus, wanted.disocclusion_weight, wanted.error_map])
-    assert_allclose(found["features"], maps, rtol=1e-3, atol=4e-3)
-    assert_allclose(found["scatter"].transpose(1, 2, 0), wanted.scatter, rtol=2e-3, atol=2e-3)
+        assert_allclose(result[name].transpose(1, 2, 0), picture, rtol=1e-3, atol=1e-3)
+    maps = np.stack([defocus, expected.disocclusion_weight, expected.error_map])
+    assert_allclose(result["features"], maps, rtol=1e-3, atol=4e-3)
+    assert_allclose(result["scatter"].transpose(1, 2, 0), expected.scatter, rtol=2e-3, atol=2e-3)
 
 
 def test_a_window_equals_that_part_of_the_whole(rays_set):
@@ -87,7 +87,7 @@ def test_reliability_lists_expected_and_measured_errors():
     expected = np.linspace(1, 20, 200)
     pairs = reliability(expected[::-1], 2 * expected[::-1])
     assert len(pairs) == 10
-    assert_allclose([true / told for told, true in pairs], 2)
+    assert_allclose([true / message for message, true in pairs], 2)
     assert pairs == sorted(pairs)
 
 
@@ -123,10 +123,10 @@ def test_what_is_expected_is_finite_and_positive_whatever_the_light(light):
     torch.nn.init.normal_(network.unet.head.weight)
     pictures = [light * torch.rand(1, 3, 16, 24) for _ in range(3)]
     with torch.no_grad():
-        found = network(*pictures, torch.zeros(1, len(FEATURES), 16, 24))
-    assert found.shape == (1, 1, 16, 24)
-    assert torch.isfinite(found).all()
-    assert (found >= 0.0499).all()
+        result = network(*pictures, torch.zeros(1, len(FEATURES), 16, 24))
+    assert result.shape == (1, 1, 16, 24)
+    assert torch.isfinite(result).all()
+    assert (result >= 0.0499).all()
 
 
 @pytest.fixture
@@ -149,7 +149,7 @@ def uneven_set(tmp_path):
 
 @pytest.mark.train
 def test_it_learns_what_errors_follow_from_and_exports(uneven_set, tmp_path):
-    """Errors of a known size: told in their order, and of that size within a third in every bin."""
+    """Errors of a known size: predicted in their order, and of that size within a third in every bin."""
     from bokehnet.models.onnx_export import export_networks
 
     optim = OptimConfig(steps=250, learning_rate=5e-3, warmup=5, average=0.95, bfloat16=False)

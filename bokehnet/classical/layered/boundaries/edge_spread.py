@@ -8,7 +8,7 @@ narrower half of the edges determines the filter. Texture has no such edges: its
 chance differ in width, so that an estimate needs edges that agree.
 
 At the depth edges of an exact map a wide filter mixes both sides into the two pixels beside the edge, a box
-only into one of them at most. The median of that leak tells a picture of unfiltered pixels.
+only into one of them at most. The median of that leak identifies a picture of unfiltered pixels.
 
 All values are linear light. Edges of clipped light are excluded because they look too sharp.
 
@@ -179,14 +179,14 @@ def _leaks_along_rows(
     columns = columns + 1
     step = steps[rows, columns]
     leaks = []
-    for inner, outer, beyond, beside in ((0, -1, 1, -1), (1, 2, 0, 1)):
+    for inner, outer, beyond, offset in ((0, -1, 1, -1), (1, 2, 0, 1)):
         own, nearest, other = (light[rows, columns + offset] for offset in (outer, inner, beyond))
         change = other - own
         size = (change**2).sum(axis=1)
         brightness = np.linalg.norm(own, axis=1) + np.linalg.norm(other, axis=1)
         clear = size > np.maximum(_CONTRAST * brightness, _MIN_STEP) ** 2
         clear &= np.maximum(own.max(axis=1), other.max(axis=1)) < clipped
-        clear &= steps[rows, columns + beside] < _MAX_STEP_BESIDE * step
+        clear &= steps[rows, columns + offset] < _MAX_STEP_BESIDE * step
         leaks.append(((nearest - own) * change).sum(axis=1)[clear] / size[clear])
     return np.concatenate(leaks).astype(np.float64)
 

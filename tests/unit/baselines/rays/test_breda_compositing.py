@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.baselines.gather.scatter_as_you_gather import jimenez
 from bokehnet.baselines.rays.breda_compositing import combined_factor, in_focus_diameter, split_fields
-from bokehnet.baselines.rays.selective_rays import selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, selective_rays
 from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from tests.unit.baselines.rays.test_selective_rays import LENS, PITCH, pinhole, rms, trace_rays, truth
 
@@ -21,8 +21,8 @@ def test_the_factor_is_the_listing_line_by_line():
         delta = min(max(1.0 - focus * behind, 0.0), 1.0)
         foreground = lerp(largest, coc, delta)
         expected = min(max(lerp(coc, foreground, alpha), 0.0), 1.0)
-        made = combined_factor(*(np.array(x) for x in (coc, largest, behind)), focus, np.array(alpha))
-        assert made == pytest.approx(expected)
+        result = combined_factor(*(np.array(x) for x in (coc, largest, behind)), focus, np.array(alpha))
+        assert result == pytest.approx(expected)
 
 
 def test_the_printed_factor_depends_on_the_scale_of_the_scene():
@@ -63,15 +63,21 @@ def test_both_rules_against_distributed_rays():
     image, depth, normals = pinhole()
     exact = truth()
     common = {"mask": "reach", "frames": 8, "max_rays": 8}
-    made = {
+    results = {
         rule: selective_rays(
-            image, depth, normals, trace_rays, LENS, PITCH, rule=rule, post_process=post, **common
+            image,
+            depth,
+            normals,
+            trace_rays,
+            LENS,
+            PITCH,
+            RaySelection(rule=rule, post_process=post, **common),
         )
         for rule, post in (("breda", jimenez), ("fields", scatter))
     }
-    near = made["fields"].rays > 0
-    post = rms(made["breda"].post_process[near], exact[near])
-    breda, fields = (rms(result.bokeh[near], exact[near]) for result in made.values())
+    near = results["fields"].rays > 0
+    post = rms(results["breda"].post_process[near], exact[near])
+    breda, fields = (rms(result.bokeh[near], exact[near]) for result in results.values())
     assert fields < 0.5 * post
     assert breda > post  # the wall is in focus, so it stays sharp under the card's blur
 

@@ -31,12 +31,12 @@ def moving():
 def test_the_post_process_is_its_mean_pixel_by_pixel():
     """Authority: Rosado's loop in plain Python."""
     image, motion = moving()
-    wanted = np.zeros(image.shape)
+    expected = np.zeros(image.shape)
     for y, x in np.ndindex(HEIGHT, WIDTH):
         for k in range(4):
             column = round(x + ((k + 0.5) / 4 - 0.5) * motion[y, x, 0])
-            wanted[y, x] += image[y, min(max(column, 0), WIDTH - 1)] / 4
-    assert motion_blur(image, motion, 4) == pytest.approx(wanted, abs=1e-6)
+            expected[y, x] += image[y, min(max(column, 0), WIDTH - 1)] / 4
+    assert motion_blur(image, motion, 4) == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_mask_holds_all_that_the_post_process_gets_wrong():

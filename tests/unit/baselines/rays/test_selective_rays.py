@@ -4,7 +4,7 @@ import pytest
 from bokehnet.baselines.gather.scatter_as_you_gather import tan
 from bokehnet.baselines.rays.ray_mask import in_mixed_tiles, normals_of_depth, ray_mask, sobel_magnitude
 from bokehnet.baselines.rays.reprojection import History
-from bokehnet.baselines.rays.selective_rays import checked_trace, lens_rays, selective_rays
+from bokehnet.baselines.rays.selective_rays import RaySelection, checked_trace, lens_rays, selective_rays
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.pixels.sample_allocation import neyman
@@ -50,16 +50,18 @@ def test_rays_bring_what_the_post_process_cannot_see():
     """Authority: a distribution tracer of the same callback."""
     image, depth, normals = pinhole()
     exact = truth()
-    made = {
-        (mask, rule): selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=mask, rule=rule)
+    results = {
+        (mask, rule): selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=mask, rule=rule)
+        )
         for mask, rule in (("sobel-depth", "tan"), ("reach", "tan"), ("reach", "ours"))
     }
-    near = made["reach", "ours"].rays > 0
-    post = rms(made["reach", "ours"].post_process[near], exact[near])
-    published, masked, ours = (rms(result.bokeh[near], exact[near]) for result in made.values())
-    assert max(ours, masked) < published
-    assert ours < 0.5 * post
-    ratio = made["reach", "ours"].hit_ratio[HEIGHT // 2]
+    near = results["reach", "ours"].rays > 0
+    post = rms(results["reach", "ours"].post_process[near], exact[near])
+    published, masked, own = (rms(result.bokeh[near], exact[near]) for result in results.values())
+    assert max(own, masked) < published
+    assert own < 0.5 * post
+    ratio = results["reach", "ours"].hit_ratio[HEIGHT // 2]
     assert ratio[WIDTH // 2 - 3] > 0.8 > 0.2 > ratio[WIDTH // 2 + 2]  # either side of the card's edge
 
 
@@ -67,7 +69,10 @@ def test_parallel_cards_are_no_edge_to_their_normals():
     image, depth, normals = pinhole()
     blind = selective_rays(image, depth, normals, trace_rays, LENS, PITCH)
     assert blind.rays.max() == 0
-    assert selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask="reach").rays.max() > 0
+    assert (
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask="reach")).rays.max()
+        > 0
+    )
 
 
 def test_sobel_gives_the_slope_of_a_ramp():
@@ -77,7 +82,7 @@ def test_sobel_gives_the_slope_of_a_ramp():
 
 
 def test_a_flat_floor_is_all_edge_by_its_depth():
-    """Why the thesis dropped the depth: on a floor h below, z = h / slope rises with the square of z."""
+    """The thesis dropped the depth, because on a floor h below, z = h / slope rises with the square of z."""
     rows = np.arange(1, 65)[:, None] / 64.0
     depth = np.broadcast_to(1000.0 / rows, (64, 40))[::-1].copy()
     defocus = np.zeros((64, 40), np.float32)
@@ -93,21 +98,23 @@ def test_normals_of_a_slanted_plane():
     """Authority: z = c / (1 - x m) has the normal (-m, 0, 1) up to length and sign."""
     slope = (np.arange(30) - 14.5) * 0.02
     depth = np.tile(1000 / (1 - 0.5 * slope), (20, 1))
-    wanted = np.array([-0.5, 0, 1]) / np.sqrt(1.25)
-    found = normals_of_depth(depth, 0.02)[5:-5, 5:-5]
-    np.testing.assert_allclose(np.abs(found @ wanted), 1, atol=1e-3)
-    assert (found[..., 2] < 0).all()
+    expected = np.array([-0.5, 0, 1]) / np.sqrt(1.25)
+    result = normals_of_depth(depth, 0.02)[5:-5, 5:-5]
+    np.testing.assert_allclose(np.abs(result @ expected), 1, atol=1e-3)
+    assert (result[..., 2] < 0).all()
 
 
 def test_a_budget_is_kept_and_seeds_repeat():
     image, depth, normals = pinhole()
-    made = [
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask="reach", budget=6.0, seed=seed)
+    results = [
+        selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask="reach", budget=6.0, seed=seed)
+        )
         for seed in (1, 1, 2)
     ]
-    assert made[0].rays.mean() <= 6.1
-    np.testing.assert_array_equal(made[0].bokeh, made[1].bokeh)
-    assert (made[0].bokeh != made[2].bokeh).any()
+    assert results[0].rays.mean() <= 6.1
+    np.testing.assert_array_equal(results[0].bokeh, results[1].bokeh)
+    assert (results[0].bokeh != results[2].bokeh).any()
 
 
 def answers(color=np.ones((4, 3)), depth=np.ones(4), hit=np.ones(4)):  # noqa: B008
@@ -151,7 +158,7 @@ def test_wrong_numbers_are_refused():
         ({"max_rays": 0}, "max_rays"),
     ):
         with pytest.raises(ParameterError, match=name):
-            selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
+            selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(**options))
     with pytest.raises(ShapeError, match="depth"):
         selective_rays(image, depth[1:], normals, trace_rays, LENS, PITCH)
 
@@ -170,16 +177,16 @@ def test_rays_of_the_last_frame_follow_their_surfaces():
     motion = np.zeros((5, 7, 2))
     motion[..., 0] = 1.6  # two pixels to the right of where they are now
     now = np.where(rng.random((5, 7)) < 0.8, np.roll(depth, -2, 1), 500.0)
-    found = old.moved(motion, now)
+    result = old.moved(motion, now)
     for y in range(5):
         for x in range(7):
-            taken = x + 2 < 7 and depth[y, min(x + 2, 6)] == now[y, x]
+            selected = x + 2 < 7 and depth[y, min(x + 2, 6)] == now[y, x]
             before, here = 7 * y + min(x + 2, 6), 7 * y + x
-            share = taken * min(1, 64 / max(old.count[:, before].sum(), 1))
-            assert np.allclose(found.light[:, here], share * old.light[:, before])
-            assert np.allclose(found.count[:, here], share * old.count[:, before])
-            assert found.first[here] == pytest.approx(share * old.first[before])
-    assert found.count.sum(0).max() <= 64 + 1e-9
+            share = selected * min(1, 64 / max(old.count[:, before].sum(), 1))
+            assert np.allclose(result.light[:, here], share * old.light[:, before])
+            assert np.allclose(result.count[:, here], share * old.count[:, before])
+            assert result.first[here] == pytest.approx(share * old.first[before])
+    assert result.count.sum(0).max() <= 64 + 1e-9
     with pytest.raises(ShapeError, match="motion"):
         old.moved(motion[..., 0], now)
 
@@ -188,9 +195,11 @@ def test_a_frame_with_its_past_is_less_noisy_and_sends_no_more_rays():
     image, depth, normals = pinhole()
     exact, still = truth(), np.zeros((HEIGHT, WIDTH, 2))
     options = {"mask": "reach", "rule": "ours", "frames": 1}
-    first = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
+    first = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(**options))
     past, alone = (
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, seed=1, history=history, **options)
+        selective_rays(
+            image, depth, normals, trace_rays, LENS, PITCH, RaySelection(seed=1, history=history, **options)
+        )
         for history in (first.history.moved(still, depth), None)
     )
     near = first.rays > 0
@@ -209,12 +218,7 @@ def test_rays_go_where_noise_shows_and_no_budget_is_passed():
             trace_rays,
             LENS,
             PITCH,
-            mask="reach",
-            rule="ours",
-            max_rays=8,
-            frames=6,
-            budget=6,
-            allocation=allocation,
+            RaySelection(mask="reach", rule="ours", max_rays=8, frames=6, budget=6, allocation=allocation),
         )
         for allocation in (None, neyman)
     )
@@ -237,7 +241,8 @@ def test_tiles_of_one_depth_send_no_rays_and_take_the_cheap_way():
     depth, normals = np.full(wide.shape[:2], FAR / 2), np.tile(normals, (1, 4, 1))
     normals[:, 60:] = [1, 0, 0]
     whole, cheap = (
-        selective_rays(wide, depth, normals, trace_rays, LENS, PITCH, by_tile=way) for way in (False, True)
+        selective_rays(wide, depth, normals, trace_rays, LENS, PITCH, RaySelection(by_tile=way))
+        for way in (False, True)
     )
     assert whole.rays.max() > 0
     assert cheap.rays.max() == 0
@@ -252,9 +257,9 @@ def test_a_custom_mask_selects_the_pixels_that_send_rays():
     image, depth, normals = pinhole()
     share = np.zeros(depth.shape)
     share[:, WIDTH // 2 - 4 : WIDTH // 2 + 4] = 1
-    sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share).rays
+    sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=share)).rays
     assert np.array_equal(sent > 0, share > 0)
     with pytest.raises(ParameterError, match=r"^mask: expected fractions from 0 to 1"):
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=2 * share)
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=2 * share))
     with pytest.raises(ShapeError, match="mask"):
-        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share[1:])
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, RaySelection(mask=share[1:]))

@@ -56,8 +56,8 @@ def test_numpy_torch_and_onnx_agree(networks, blur, monkeypatch):
             dilate=lambda x: torch.from_numpy(coarse_dilation(x.numpy())),
         )
     assert len(result.steps) == (1 if blur < 10 else 2)
-    wanted = result.bokeh[0].permute(1, 2, 0).clamp(min=0).numpy() ** 2.2
-    np.testing.assert_allclose(bokeh, wanted, atol=1e-5)
+    expected = result.bokeh[0].permute(1, 2, 0).clamp(min=0).numpy() ** 2.2
+    np.testing.assert_allclose(bokeh, expected, atol=1e-5)
 
     pair = (onnx.load(folder / f"bokehme/bokehme_{name}.onnx") for name in ("arnet", "iunet"))
     session = OnnxSession(build_bokehme(*pair).SerializeToString())

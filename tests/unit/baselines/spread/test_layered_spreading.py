@@ -49,8 +49,8 @@ def test_intervals_are_spread_and_composited():
     image, defocus = (part[:14, :16] for part in scene())
     defocus = np.ascontiguousarray(defocus)
     interval = interval_of(defocus, 3)
-    wanted = over(spread_to(image, defocus, lambda y, x, v, u: interval[y, x]))
-    assert np.allclose(spread_intervals(image, defocus, layers=3), wanted, atol=1e-5)
+    expected = over(spread_to(image, defocus, lambda y, x, v, u: interval[y, x]))
+    assert np.allclose(spread_intervals(image, defocus, layers=3), expected, atol=1e-5)
 
 
 def test_pixel_layers_are_sorted_by_the_surface_of_the_pixel():
@@ -60,8 +60,8 @@ def test_pixel_layers_are_sorted_by_the_surface_of_the_pixel():
         difference = defocus[y, x] - defocus[v, u]
         return 0 if difference > 1 else 2 if difference < -1 else 1
 
-    wanted = over(spread_to(image, defocus, layer_of))
-    assert np.allclose(spread_pixel_layers(image, defocus), wanted, atol=1e-5)
+    expected = over(spread_to(image, defocus, layer_of))
+    assert np.allclose(spread_pixel_layers(image, defocus), expected, atol=1e-5)
 
 
 def test_one_interval_is_perimeter_spreading():

@@ -6,7 +6,7 @@ import pytest
 from bokehnet.baselines.spread.profile_spreading import plane_of_blur, texture_spreading
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.aberrations.point_spread import correlation, traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, correlation, traced_psf
 from bokehnet.lenses.lookup.printed_mappings import circle_of_confusion
 from bokehnet.lenses.lookup.profile_texture import profile_row, trace_profile_texture
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
@@ -31,20 +31,16 @@ def test_a_light_on_the_axis_is_its_traced_image(depth):
     radius = float(LENS.coc_radius(1 / depth)) / PITCH
     image = np.zeros((65, 65, 3), np.float32)
     image[32, 32] = 100.0
-    made = texture_spreading(image, np.full((65, 65), radius, np.float32), TEXTURE, LENS, PITCH)
+    result = texture_spreading(image, np.full((65, 65), radius, np.float32), TEXTURE, LENS, PITCH)
     wavelengths, colors = WavelengthSampling().sample(12)
     traced = traced_psf(
         LENS,
+        PsfGrid(wavelengths=wavelengths, colors=colors, pitch=PITCH, size=65, rays=12000),
         depth=depth,
         field=(0.0, 0.0),
-        wavelengths=wavelengths,
-        colors=colors,
-        pitch=PITCH,
-        size=65,
-        rays=12_000,
     )
-    assert correlation(made, traced) > 0.95
-    assert made.sum() == pytest.approx(300.0, rel=0.01)
+    assert correlation(result, traced) > 0.95
+    assert result.sum() == pytest.approx(300.0, rel=0.01)
 
 
 def test_a_pitch_of_zero_is_an_error():

@@ -56,13 +56,13 @@ def test_tables_are_spread_pixel_by_pixel():
     low, upper = rng.integers(-1, 2, (7, 9)).astype(np.int32), rng.random((7, 9)).astype(np.float32)
     sums, weights = np.zeros(image.shape), np.zeros(low.shape)
     spread_tables(image, low, upper, *packed(tables), sums, weights)
-    wanted = np.zeros((7 + 6, 9 + 6, 3))  # three pixels more on each side
+    expected = np.zeros((7 + 6, 9 + 6, 3))  # three pixels more on each side
     for y, x in np.argwhere(low >= 0):
         for k, share in ((low[y, x], 1 - upper[y, x]), (low[y, x] + 1, upper[y, x])):
             half = len(tables[k]) // 2
-            part = wanted[y + 3 - half : y + 4 + half, x + 3 - half : x + 4 + half]
+            part = expected[y + 3 - half : y + 4 + half, x + 3 - half : x + 4 + half]
             part += share * tables[k][..., None] * np.append(image[y, x], 1)
-    assert np.allclose(np.dstack([sums, weights]), wanted[3:-3, 3:-3], atol=1e-5)
+    assert np.allclose(np.dstack([sums, weights]), expected[3:-3, 3:-3], atol=1e-5)
 
 
 def test_images_of_the_opening_are_turned_behind_focus_and_hold_its_area():
@@ -88,10 +88,10 @@ def test_hybrid_takes_outlines_where_contrast_is_high():
 
 def test_local_contrast_is_the_distance_from_the_mean_around():
     image, _ = scene()
-    found = local_contrast(image, 3)
+    result = local_contrast(image, 3)
     for y, x in ((0, 0), (10, 12), (20, 24), (4, 5)):
         window = image[max(0, y - 3) : y + 4, max(0, x - 3) : x + 4].mean()
-        assert found[y, x] == pytest.approx(abs(image[y, x].mean() - window), abs=1e-5)
+        assert result[y, x] == pytest.approx(abs(image[y, x].mean() - window), abs=1e-5)
 
 
 @pytest.mark.parametrize("gamma", [1.0, 2.5])
@@ -105,5 +105,5 @@ def test_the_published_scatter_is_its_double_loop(gamma):
         weight = (0.5 + 0.5 * np.tanh(4 * (r - distance))) / (r * r + 0.2)
         weight[distance > r + 2] = 0
         sums += weight[..., None] * np.append(image[row, column].astype(float) ** gamma, 1)
-    wanted = (sums[..., :3] / sums[..., 3:]) ** (1 / gamma)
-    assert np.allclose(bokehme_scatter(image, defocus, gamma=gamma), wanted, rtol=2e-3, atol=2e-4)
+    expected = (sums[..., :3] / sums[..., 3:]) ** (1 / gamma)
+    assert np.allclose(bokehme_scatter(image, defocus, gamma=gamma), expected, rtol=2e-3, atol=2e-4)

@@ -24,6 +24,6 @@ def draw(lights, size, aperture=DISC, *, front=None, **options):
     return result
 
 
-def decibel(got, wanted, peak):
+def decibel(result, expected, peak):
     """Peak signal to noise ratio."""
-    return 20 * np.log10(peak / max(np.sqrt(np.mean((got - wanted) ** 2)), 1e-12 * peak))
+    return 20 * np.log10(peak / max(np.sqrt(np.mean((result - expected) ** 2)), 1e-12 * peak))

@@ -127,29 +127,29 @@ def traced(light, aperture, lens_response, *, blocked=None):
 )
 def test_psf_images_hold_the_rays_of_the_map(name, aperture):
     lens_response = LENSES[name]
-    got, wanted = (
+    picture, expected = (
         draw(point(*LIGHT), (SIZE, SIZE), aperture, lens_response=lens_response),
         traced(LIGHT, aperture, lens_response),
     )
-    assert_allclose(got.sum((0, 1)), wanted.sum((0, 1)), rtol=5e-3)
-    assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.998
-    assert decibel(got, wanted, 1 / (np.pi * LIGHT[2] ** 2)) > 38
+    assert_allclose(picture.sum((0, 1)), expected.sum((0, 1)), rtol=5e-3)
+    assert np.corrcoef(picture.ravel(), expected.ravel())[0, 1] > 0.998
+    assert decibel(picture, expected, 1 / (np.pi * LIGHT[2] ** 2)) > 38
 
 
 @pytest.mark.parametrize("defocus", [5.0, -3.2])
 def test_small_discs_are_right_too(defocus):
     light, lens_response = (100.4, 110.2, defocus), lens(spherical=4.0, coma=6.0)
-    got = draw(point(*light), (SIZE, SIZE), lens_response=lens_response)
-    wanted = traced(light, Aperture(), lens_response)
-    assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.999
+    picture = draw(point(*light), (SIZE, SIZE), lens_response=lens_response)
+    expected = traced(light, Aperture(), lens_response)
+    assert np.corrcoef(picture.ravel(), expected.ravel())[0, 1] > 0.999
 
 
 def test_fringes_part_the_colours_as_their_rays_do():
     lens_response = LensResponse(chromatic_aberration=ChromaticAberration(axial=6.0, lateral=4.0))
-    got = draw(point(*LIGHT), (SIZE, SIZE), lens_response=lens_response)
-    wanted = traced(LIGHT, Aperture(), lens_response)
-    assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.998
-    assert abs(wanted[..., 0] - wanted[..., 2]).max() > 0.3 * wanted.max()
+    picture = draw(point(*LIGHT), (SIZE, SIZE), lens_response=lens_response)
+    expected = traced(LIGHT, Aperture(), lens_response)
+    assert np.corrcoef(picture.ravel(), expected.ravel())[0, 1] > 0.998
+    assert abs(expected[..., 0] - expected[..., 2]).max() > 0.3 * expected.max()
 
 
 @pytest.mark.parametrize(
@@ -174,11 +174,11 @@ def test_a_screen_clips_the_disc_where_it_stops_rays(name, screen):
     front = np.full((SIZE, SIZE), -2000.0)
     front[:, 100:] = screen
     light = (112.3, 104.0, -34.0) if screen else (90.3, 104.0, -34.0)
-    got = draw(point(*light), (SIZE, SIZE), front=front, lens_response=lens_response)
-    wanted = traced(light, Aperture(), lens_response, blocked=screen)
-    assert 0.1 < wanted.sum() / 3 < 0.95
-    assert_allclose(got.sum(), wanted.sum(), rtol=0.02)
-    assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > (0.98 if name == "colours" else 0.99)
+    picture = draw(point(*light), (SIZE, SIZE), front=front, lens_response=lens_response)
+    expected = traced(light, Aperture(), lens_response, blocked=screen)
+    assert 0.1 < expected.sum() / 3 < 0.95
+    assert_allclose(picture.sum(), expected.sum(), rtol=0.02)
+    assert np.corrcoef(picture.ravel(), expected.ravel())[0, 1] > (0.98 if name == "colours" else 0.99)
 
 
 @pytest.mark.parametrize("screen", [0.0, 25.0, -10.0])
@@ -187,11 +187,11 @@ def test_a_screen_clips_plain_discs_with_a_smooth_edge(screen):
     front = np.full((SIZE, SIZE), -2000.0)
     front[:, 100:] = screen
     light = (105.3, 104.0, -40.0)
-    got = draw(point(*light), (SIZE, SIZE), front=front)
-    wanted = traced(light, Aperture(), LensResponse(), blocked=screen)
+    picture = draw(point(*light), (SIZE, SIZE), front=front)
+    expected = traced(light, Aperture(), LensResponse(), blocked=screen)
     level = 1 / (np.pi * 40**2)
-    assert_allclose(got.sum(), wanted.sum(), rtol=0.01)
-    assert decibel(got, wanted, level) > 33
+    assert_allclose(picture.sum(), expected.sum(), rtol=0.01)
+    assert decibel(picture, expected, level) > 33
 
 
 def test_a_merged_light_is_the_mean_of_its_pixels():
@@ -219,5 +219,5 @@ def test_what_rims_let_pass_is_as_bright_as_the_rest():
     x, y = (a.ravel() for a in np.meshgrid(np.arange(0, SIZE, 4.0), np.arange(0, SIZE, 4.0)))
     ones = np.ones_like(x)
     wall = np.column_stack([x, y, 12 * ones, ones, ones, ones, 4 * ones, 4 * ones])
-    got = draw(wall, (SIZE, SIZE), lens_response=lens_response)[20:-20, 20:-20]
-    assert_allclose(got, 1 / 16, rtol=0.03)
+    picture = draw(wall, (SIZE, SIZE), lens_response=lens_response)[20:-20, 20:-20]
+    assert_allclose(picture, 1 / 16, rtol=0.03)

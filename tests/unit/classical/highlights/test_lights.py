@@ -57,15 +57,15 @@ def test_a_light_gives_what_nearer_layers_leave_of_it():
 
 def test_a_light_is_an_even_disc_clipped_by_its_occluder():
     image, defocus = night()
-    got = rays(image, defocus)[..., 0] - 0.01
+    result = rays(image, defocus)[..., 0] - 0.01
     y, x = np.mgrid[:96, :96]
     distance = np.hypot(y - 48, x - 36)
     level = 500 / (np.pi * 12**2)
-    inside = got[(distance < 11) & (x < 39)]
+    inside = result[(distance < 11) & (x < 39)]
     assert abs(inside.mean() / level - 1) < 0.01
     assert inside.std() / level < 0.02
-    assert abs(got[:, 42:]).max() < 1e-3 * level
-    assert abs(got[distance > 13.5]).max() < 1e-3 * level
+    assert abs(result[:, 42:]).max() < 1e-3 * level
+    assert abs(result[distance > 13.5]).max() < 1e-3 * level
 
 
 def test_neighbouring_lights_become_one_of_their_energy():
@@ -74,9 +74,9 @@ def test_neighbouring_lights_become_one_of_their_energy():
     defocus = np.full((160, 160), 40.0, np.float32)
     defocus[:, 130:] = 50.0
     image[79:82, 79:82] = 100.0
-    got = rays(image, defocus)[..., 0] - 0.01
+    result = rays(image, defocus)[..., 0] - 0.01
     y, x = np.mgrid[:160, :160]
-    inside = got[(np.hypot(y - 80, x - 80) < 36) & (x > 85) & (x < 110)]
+    inside = result[(np.hypot(y - 80, x - 80) < 36) & (x > 85) & (x < 110)]
     level = 9 * 100 / (np.pi * 40**2)
     assert abs(inside.mean() / level - 1) < 0.02
     assert inside.std() / level < 0.05
@@ -94,8 +94,8 @@ def test_of_too_many_lights_the_brightest_are_taken():
     image, defocus = many_lights()
     rest, lights = separate_lights(one_layer(image, defocus), 400)  # one window for all
     assert 0 < len(lights) <= 80 * 80 / 20 + 1
-    taken = image[..., 0] - rest.colors[:, :, 0, 0]
-    assert image[..., 0][taken > 0].min() >= image[..., 0][(taken == 0) & (image[..., 0] > 1)].max()
+    selected = image[..., 0] - rest.colors[:, :, 0, 0]
+    assert image[..., 0][selected > 0].min() >= image[..., 0][(selected == 0) & (image[..., 0] > 1)].max()
 
 
 def test_an_additional_light_keeps_the_others():
@@ -117,6 +117,6 @@ def test_lights_have_their_depth(monkeypatch):
     """Each disc of radius 6 to 8 covers more than 100 pixels, so that none shares a batch with another."""
     monkeypatch.setattr("bokehnet.classical.highlights.lights._FLOATS", 100)
     lights = np.concatenate([point(12, 30, 6.0), point(30, 30, 7.0), point(48, 30, 8.0)])
-    told: list[float] = []
-    draw(lights, (60, 60), progress=told.append)
-    np.testing.assert_allclose(told, [1 / 3, 2 / 3, 1])
+    reports: list[float] = []
+    draw(lights, (60, 60), progress=reports.append)
+    np.testing.assert_allclose(reports, [1 / 3, 2 / 3, 1])

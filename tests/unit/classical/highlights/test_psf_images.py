@@ -38,23 +38,23 @@ def supersampled(x, y, defocus, size, aperture, samples):
 def test_psf_images_are_supersampled_discs(name, defocus):
     aperture, side = SHAPES[name], int(2 * abs(defocus)) + 7
     x, y = side / 2 + 0.3, side / 2 - 0.2
-    got = draw(point(x, y, defocus), (side, side), aperture)[..., 0]
-    wanted = supersampled(x, y, defocus, (side, side), aperture, 32)
-    assert got.sum() == pytest.approx(1, abs=1e-5)
-    assert decibel(got, wanted, wanted.max()) > 45
-    assert abs(got - wanted).max() < 0.05 * wanted.max()
+    picture = draw(point(x, y, defocus), (side, side), aperture)[..., 0]
+    expected = supersampled(x, y, defocus, (side, side), aperture, 32)
+    assert picture.sum() == pytest.approx(1, abs=1e-5)
+    assert decibel(picture, expected, expected.max()) > 45
+    assert abs(picture - expected).max() < 0.05 * expected.max()
 
 
 def test_a_disc_of_300_pixels_has_smooth_edges():
     """A row holds the integral of sqrt(r^2 - y^2); along the rim all levels of grey are as frequent."""
     radius, side = 300.0, 640
-    got = draw(point(319.5, 319.5, radius), (side, side))[..., 0] * math.pi * radius**2
-    sums = got[:, 320:].sum(1)  # length of the disc's half in each row of pixels
+    result = draw(point(319.5, 319.5, radius), (side, side))[..., 0] * math.pi * radius**2
+    sums = result[:, 320:].sum(1)  # length of the disc's half in each row of pixels
     y = np.arange(side) - 319.5
     edges = np.clip(np.stack([y - 0.5, y + 0.5]), -radius, radius)
     area = (edges * np.sqrt(radius**2 - edges**2) + radius**2 * np.arcsin(edges / radius)) / 2
     assert_allclose(sums, area[1] - area[0], atol=0.15)
-    levels = got[(got > 0.02) & (got < 0.98)]
+    levels = result[(result > 0.02) & (result < 0.98)]
     assert np.histogram(levels, 8, (0, 1))[0].min() > 0.5 * len(levels) / 8
 
 
@@ -97,15 +97,15 @@ def test_merged_lights_look_like_single_ones(kind, radius):
     )
     rest, lights = separate_lights(layers)
     y, x = np.nonzero(image.max(-1))
-    taken = (image - rest.colors[:, :, 0])[y, x]
+    selected = (image - rest.colors[:, :, 0])[y, x]
     ones = np.ones(len(x))
-    single = np.column_stack([x, y, radius * ones, taken, ones, ones])
-    assert_allclose(lights[:, 3:6].sum(0), taken.sum(0), rtol=1e-5)
+    single = np.column_stack([x, y, radius * ones, selected, ones, ones])
+    assert_allclose(lights[:, 3:6].sum(0), selected.sum(0), rtol=1e-5)
     if abs(radius) * 2 / 16 >= 4:
         assert len(lights) < len(single)
-    got, wanted = (draw(found, (160, 160))[..., 0] for found in (lights, single))
-    assert decibel(got, wanted, wanted.max()) > 55
-    steps = [np.abs(np.diff(picture, axis=1)).max() for picture in (got, wanted)]
+    actual, expected = (draw(result, (160, 160))[..., 0] for result in (lights, single))
+    assert decibel(actual, expected, expected.max()) > 55
+    steps = [np.abs(np.diff(picture, axis=1)).max() for picture in (actual, expected)]
     assert steps[0] < 1.1 * steps[1]
 
 
@@ -120,14 +120,14 @@ def test_merging_keeps_energy_centre_and_variance():
         coverage=np.ones((64, 64, 1), np.float32),
     )
     rest, lights = separate_lights(layers)
-    taken = (image - rest.colors[:, :, 0])[..., 0].astype(float)
+    selected = (image - rest.colors[:, :, 0])[..., 0].astype(float)
     assert len(lights) == 1
     y, x = np.mgrid[:64, :64]
-    assert_allclose(lights[0, 3], taken.sum(), rtol=1e-6)
+    assert_allclose(lights[0, 3], selected.sum(), rtol=1e-6)
     for place, centre, length in ((x, lights[0, 0], lights[0, 6]), (y, lights[0, 1], lights[0, 7])):
-        mean = (taken * place).sum() / taken.sum()
+        mean = (selected * place).sum() / selected.sum()
         assert centre == pytest.approx(mean, abs=1e-6)
-        variance = (taken * (place - mean) ** 2).sum() / taken.sum()
+        variance = (selected * (place - mean) ** 2).sum() / selected.sum()
         assert (length**2 - 1) / 12 == pytest.approx(variance, rel=1e-5)
 
 

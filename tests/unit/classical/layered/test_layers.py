@@ -80,8 +80,8 @@ def test_what_is_hidden_hides_in_turn():
     assert layers.defocus.shape[2] == 3
     periods = np.s_[2 * period + 6 : -2 * period - 6, 2 * period + 6 : -2 * period - 6]
     seen = [1 / 4, 3 / 4 * 1 / 4, 3 / 4 * 3 / 4]  # by two bars of three in twelve, independent of each other
-    found = rays(image, defocus, layers=layers)[periods].mean((0, 1))
-    np.testing.assert_allclose(found, seen @ colors, atol=0.002)
+    result = rays(image, defocus, layers=layers)[periods].mean((0, 1))
+    np.testing.assert_allclose(result, seen @ colors, atol=0.002)
 
 
 def test_there_is_no_third_layer_where_nothing_is_hidden_twice():
@@ -90,10 +90,10 @@ def test_there_is_no_third_layer_where_nothing_is_hidden_twice():
 
 def test_the_stages_of_the_work_are_reported_in_order():
     shares = []
-    told, _ = split_picture(*edge(0.6, True), progress=shares.append)
+    result, _ = split_picture(*edge(0.6, True), progress=shares.append)
     untold, _ = split_picture(*edge(0.6, True))
     assert len(shares) > 2
     assert shares == sorted(shares)
     assert shares[0] > 0
     assert shares[-1] == 1
-    np.testing.assert_array_equal(told.colors, untold.colors)
+    np.testing.assert_array_equal(result.colors, untold.colors)

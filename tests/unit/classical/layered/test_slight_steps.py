@@ -47,15 +47,15 @@ def too_wide(image: np.ndarray, defocus: np.ndarray, truth: np.ndarray) -> float
 @pytest.mark.parametrize(("near", "far"), [(0.9, 0.0), (0.0, -0.9), (3.0, 2.2), (-2.0, -2.8)])
 def test_what_is_less_than_a_pixel_of_defocus_nearer_is_not_seen_wider(near, far, monkeypatch):
     """Taken for a slope it is 0.13 pixels too wide."""
-    found, before = [], []
+    results, before = [], []
     for place in (19.6, 20.0, 20.3):
         edge = straight_edge(place, near, far)
-        found.append(too_wide(*edge))
+        results.append(too_wide(*edge))
         with monkeypatch.context() as patch:
             patch.setattr(mixed_pixels, "sides_with_slight_steps", discontinuity_sides)
             before.append(too_wide(*edge))
     assert np.mean(before) == pytest.approx(0.127, abs=0.01)
-    assert abs(np.mean(found)) < 0.2 * np.mean(before)  # 0.02 pixels, as at larger steps
+    assert abs(np.mean(results)) < 0.2 * np.mean(before)  # 0.02 pixels, as at larger steps
 
 
 def test_slopes_are_no_steps_and_steps_on_slopes_are():
@@ -88,9 +88,9 @@ def test_a_slight_step_keeps_the_farther_background():
     image = np.random.default_rng(3).uniform(0, 1, (HEIGHT, WIDTH, 3)).astype(np.float32)
     defocus = np.zeros((HEIGHT, WIDTH), np.float32)
     defocus[:, 10:], defocus[:, 14:] = 9.0, 9.6
-    found = split_layers(image, defocus)
-    assert found.defocus[12, 13, 1] < 1  # the background, and not the other half of the foreground
-    assert found.coverage[12, 13, 0] == 1
-    np.testing.assert_array_equal(found.colors[12, 13, 0], image[12, 13])
+    layers = split_layers(image, defocus)
+    assert layers.defocus[12, 13, 1] < 1  # the background, and not the other half of the foreground
+    assert layers.coverage[12, 13, 0] == 1
+    np.testing.assert_array_equal(layers.colors[12, 13, 0], image[12, 13])
     alone = split_layers(image, np.where(defocus > 0, defocus, 9.0).astype(np.float32))
     assert alone.defocus[12, 14, 1] == pytest.approx(9.0)

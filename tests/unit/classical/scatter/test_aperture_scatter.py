@@ -29,7 +29,7 @@ SHAPES = WHOLE | CLIPPED
 
 
 def one_point(radius: float, aperture: Aperture, dtype=np.float64) -> np.ndarray:
-    """What a point of value 1 in the middle becomes, (N, N)."""
+    """Return the blur of a point of value 1 in the middle, (N, N)."""
     size = 2 * math.ceil(abs(radius)) + 5
     values = np.zeros((size, size, 1), dtype)
     values[size // 2, size // 2] = 1
@@ -39,7 +39,7 @@ def one_point(radius: float, aperture: Aperture, dtype=np.float64) -> np.ndarray
 def point_at(
     x: int, y: int, radius: float, aperture: Aperture, shape: tuple[int, int], **place
 ) -> np.ndarray:
-    """What a point at (x, y) of a picture becomes."""
+    """Return the blur of a point at (x, y) of a picture."""
     values = np.zeros((*shape, 1))
     values[y, x] = 1
     return scatter_forward(values, np.full(shape, radius), aperture, **place)[..., 0]
@@ -225,9 +225,9 @@ def test_derivative_by_the_defocus_is_that_of_the_forward(name, largest):
     ahead = scatter_forward(values, defocus + step * direction, aperture)
     behind = scatter_forward(values, defocus - step * direction, aperture)
     _, slopes = scatter_backward(values, defocus, gradient, aperture)
-    wanted = ((ahead - behind) * gradient).sum() / (2 * step)
+    expected = ((ahead - behind) * gradient).sum() / (2 * step)
     scale = np.abs(slopes).sum()
-    assert (slopes * direction).sum() == pytest.approx(wanted, abs=1e-5 * scale)
+    assert (slopes * direction).sum() == pytest.approx(expected, abs=1e-5 * scale)
 
 
 @pytest.mark.parametrize("channels", [1, 3, 5, 8])

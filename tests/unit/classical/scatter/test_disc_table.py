@@ -32,7 +32,7 @@ def tabulated(radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def picture(places: np.ndarray, weights: np.ndarray, reach: int) -> np.ndarray:
-    """What the ends amount to on a (2 reach + 1)^2 window: intervals in two halves, row 0 in both."""
+    """Return the sum of the ends on a (2 reach + 1)^2 window: intervals in two halves, row 0 in both."""
     out = np.zeros((2 * reach + 1, 2 * reach + 1))
     for (k, j), weight in zip(places, weights, strict=True):
         for row in (reach - k, reach + k):

@@ -94,7 +94,7 @@ def test_sources_at_jumps_and_small_discs_stay_on_their_level():
 
 
 def test_work_per_level_shrinks_and_the_operator_is_named():
-    """What keeps large blur cheap: no level but the last sees a disc above the threshold."""
+    """Large blur is cheap: only the last level has discs above the threshold."""
     seen = []
 
     def spread(values, defocus, **place):

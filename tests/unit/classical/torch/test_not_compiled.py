@@ -21,6 +21,6 @@ def test_a_compiled_program_gives_the_same_picture_and_gradient(scatter):
         return scatter(2 * image, defocus).square()
 
     compiled = torch.compile(program, backend="eager")
-    found = [torch.autograd.grad(run(image).sum(), image)[0] for run in (program, compiled)]
+    results = [torch.autograd.grad(run(image).sum(), image)[0] for run in (program, compiled)]
     assert_close(compiled(image), program(image))
-    assert_close(*found)
+    assert_close(*results)

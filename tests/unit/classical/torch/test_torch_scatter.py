@@ -59,7 +59,7 @@ def array(tensor: torch.Tensor) -> np.ndarray:
 
 
 def point(device: str, size: int, radius: float, value: float = 1.0) -> np.ndarray:
-    """What one bright pixel in the middle becomes."""
+    """Return the blur of one bright pixel in the middle."""
     values, defocus = torch.zeros(size, size, 1), torch.full((size, size), radius)
     values[size // 2, size // 2] = value
     return array(scatter_level(values.to(device), defocus.to(device)))[..., 0]
@@ -79,14 +79,14 @@ def test_one_point_becomes_the_disc(device, radius):
     """Authority: lengths of thin lines inside the disc. Less than a thousandth of the light is elsewhere."""
     reach = math.ceil(radius) + 1
     weights = disc_weights(radius, reach) if radius > 0.5 else np.pad([[1.0]], reach)
-    found = point(device, 2 * reach + 1, radius)
-    assert np.abs(found - weights).sum() / 2 < 1e-3
-    assert found.sum(dtype=float) == pytest.approx(1, abs=1e-6)
+    result = point(device, 2 * reach + 1, radius)
+    assert np.abs(result - weights).sum() / 2 < 1e-3
+    assert result.sum(dtype=float) == pytest.approx(1, abs=1e-6)
 
 
-def compare_all(found, wanted, rtols: tuple[float, ...]) -> None:
+def compare_all(result, target, rtols: tuple[float, ...]) -> None:
     """Compare, channel by channel, to a part of the largest number."""
-    for tensor, expected, rtol in zip(found, wanted, rtols, strict=True):
+    for tensor, expected, rtol in zip(result, target, rtols, strict=True):
         largest = np.abs(expected).max(axis=(0, 1))
         assert tensor.dtype == torch.from_numpy(expected).dtype
         assert np.all(np.abs(array(tensor) - expected) <= rtol * np.maximum(largest, 1e-30))
@@ -100,11 +100,11 @@ def test_one_level_and_its_adjoint_equal_the_numba_kernels(device, largest, dtyp
     inputs = tensors(device, values, defocus)
     sums = scatter_level(*inputs)
     sums.backward(torch.from_numpy(gradient).to(device))
-    wanted = (
+    expected = (
         disc_scatter.scatter_forward(values, defocus),
         *disc_scatter.scatter_backward(values, defocus, gradient),
     )
-    compare_all((sums, inputs[0].grad, inputs[1].grad), wanted, (rtol, rtol, rtol))
+    compare_all((sums, inputs[0].grad, inputs[1].grad), expected, (rtol, rtol, rtol))
 
 
 @pytest.mark.parametrize("radius", [64.0, 70.3, 128.1, 299.7])
@@ -113,12 +113,12 @@ def test_discs_beyond_the_ladder_are_nearly_exact(device, radius):
     size = 2 * math.ceil(radius) + 3
     values, defocus = np.zeros((size, size, 1)), np.full((size, size), radius)
     values[size // 2, size // 2] = 1
-    found, wanted = (
+    result, expected = (
         array(scatter_level(*tensors(device, values, defocus))),
         disc_scatter.scatter_forward(values, defocus),
     )
-    assert np.abs(found - wanted).sum() / 2 < 2e-4
-    assert found.sum() == pytest.approx(1, abs=1e-10)
+    assert np.abs(result - expected).sum() / 2 < 2e-4
+    assert result.sum() == pytest.approx(1, abs=1e-10)
 
 
 def compare_to_the_numba_levels(
@@ -135,12 +135,12 @@ def compare_to_the_numba_levels(
     inputs = tensors(device, values, defocus)
     sums = scatter_levels(*inputs, aperture)
     sums.backward(torch.from_numpy(gradient).to(device))
-    wanted = pyramid_levels.scatter_forward(values, defocus, operator)
+    expected = pyramid_levels.scatter_forward(values, defocus, operator)
     gradients = pyramid_levels.scatter_backward(values, defocus, gradient, operator)
     if aperture.cats_eye:
-        compare_all((sums, inputs[0].grad), (wanted, gradients[0]), (1e-2, 1e-2))
+        compare_all((sums, inputs[0].grad), (expected, gradients[0]), (1e-2, 1e-2))
     else:
-        compare_all((sums, inputs[0].grad, inputs[1].grad), (wanted, *gradients), rtols)
+        compare_all((sums, inputs[0].grad, inputs[1].grad), (expected, *gradients), rtols)
 
 
 @pytest.mark.parametrize(("dtype", "rtol"), [(np.float64, 1e-9), (np.float32, 3e-5)])
@@ -173,10 +173,10 @@ def test_one_point_becomes_the_clipped_shape(device, place, radius, rtol):
     values, defocus = np.zeros((100, 130, 1)), np.full((100, 130), radius)
     values[place] = 1
     view = make_view(1.2, defocus.shape, 1.0)
-    found = array(scatter_level(*tensors(device, values, defocus), aperture, view))
-    wanted = aperture_scatter.scatter_forward(values, defocus, aperture)
-    assert found.sum() == pytest.approx(1, abs=1e-9)
-    assert_allclose(found, wanted / wanted.sum(), atol=rtol * found.max())
+    result = array(scatter_level(*tensors(device, values, defocus), aperture, view))
+    expected = aperture_scatter.scatter_forward(values, defocus, aperture)
+    assert result.sum() == pytest.approx(1, abs=1e-9)
+    assert_allclose(result, expected / expected.sum(), atol=rtol * result.max())
 
 
 def test_shape_that_the_second_pupil_would_hide_stays_whole(device):
@@ -187,10 +187,10 @@ def test_shape_that_the_second_pupil_would_hide_stays_whole(device):
     values[4, 2] = values[4, 40] = 1
     inputs = tensors(device, values, defocus)
     clipped = Aperture(picture=picture, cats_eye=1.5)
-    found = array(scatter_level(*inputs, clipped, make_view(1.5, defocus.shape, 1.0)))
+    result = array(scatter_level(*inputs, clipped, make_view(1.5, defocus.shape, 1.0)))
     whole = array(scatter_level(*inputs, Aperture(picture=picture)))
-    assert_allclose(found, whole, atol=1e-12)
-    assert found.sum() == pytest.approx(2, abs=1e-9)
+    assert_allclose(result, whole, atol=1e-12)
+    assert result.sum() == pytest.approx(2, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["disc", "blades", "rim", "cat's-eye"])
@@ -221,10 +221,10 @@ def test_gradients_of_merged_sources_match_finite_differences(device):
 
 def test_nothing_is_left_beyond_a_bright_disc(device):
     """Light 10^6 times brighter than the rest: beyond the disc not a bit of it, and black stays black."""
-    found = point(device, 101, 20.3, 1e6)
+    result = point(device, 101, 20.3, 1e6)
     y, x = np.mgrid[:101, :101] - 50
-    assert_array_equal(found[np.hypot(x, y) > 22], 0)
-    assert found.min() == 0
+    assert_array_equal(result[np.hypot(x, y) > 22], 0)
+    assert result.min() == 0
     values, defocus = torch.full((1, 2000, 1), 1e-3), torch.full((1, 2000), 3.0)
     plain = scatter_level(values.to(device), defocus.to(device))
     values[0, 20] = 1e3
@@ -256,8 +256,8 @@ def test_size_of_the_batches_does_not_matter(device, name, monkeypatch):
         sums.square().sum().backward()
         results.append([array(tensor) for tensor in (sums, inputs[0].grad, inputs[1].grad)])
     for result in results[1:]:
-        for found, wanted in zip(result, results[0], strict=True):
-            assert_array_equal(found, wanted)
+        for actual, expected in zip(result, results[0], strict=True):
+            assert_array_equal(actual, expected)
 
 
 def test_sharp_pixels_keep_their_value_and_their_gradient(device):
@@ -288,8 +288,8 @@ def test_pixels_without_light_still_get_their_gradient(device):
     inputs = tensors(device, np.zeros_like(values), defocus)
     channels_first = torch.from_numpy(np.moveaxis(gradient, 2, 0).copy()).to(device)
     (scatter_level(*inputs).movedim(2, 0).contiguous() * channels_first).sum().backward()
-    wanted = disc_scatter.scatter_backward(values, defocus, gradient)[0]
-    assert_allclose(array(inputs[0].grad), wanted, atol=1e-12)
+    expected = disc_scatter.scatter_backward(values, defocus, gradient)[0]
+    assert_allclose(array(inputs[0].grad), expected, atol=1e-12)
 
 
 def test_a_channel_with_nan_is_nan_and_the_others_are_not(device):

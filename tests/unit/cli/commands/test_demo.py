@@ -42,7 +42,7 @@ def test_the_demo_writes_a_sheet_with_each_distance_sharp_in_its_turn(tmp_path, 
 
 
 def read_as_grey(tile):
-    """What a viewer shows of a tile: its sRGB values."""
+    """Return the sRGB values of a tile, as a viewer shows them."""
     from bokehnet.io.color.srgb import linear_to_srgb
 
     return linear_to_srgb(tile[..., 0])
@@ -116,11 +116,11 @@ def test_the_example_traces_the_files_that_ship(tmp_path, python_process):
     source = "import runpy; runpy.run_path('examples/demo_scene.py', run_name='__main__')"
     outcome = python_process(source, "--out", tmp_path, "--samples", 2)
     assert outcome.code == 0, outcome.err
-    found, shipped = (read_disparity(folder / "demo_disparity.png") for folder in (tmp_path, ASSETS))
-    assert (np.abs(found - shipped) > 1e-4).mean() < 1e-3
-    found, shipped = (read_image(folder / "demo.png") for folder in (tmp_path, ASSETS))
-    assert np.abs(found - shipped).mean() < 0.01
-    assert_allclose(found.mean(axis=(0, 1)), shipped.mean(axis=(0, 1)), rtol=0.01)
+    result, shipped = (read_disparity(folder / "demo_disparity.png") for folder in (tmp_path, ASSETS))
+    assert (np.abs(result - shipped) > 1e-4).mean() < 1e-3
+    result, shipped = (read_image(folder / "demo.png") for folder in (tmp_path, ASSETS))
+    assert np.abs(result - shipped).mean() < 0.01
+    assert_allclose(result.mean(axis=(0, 1)), shipped.mean(axis=(0, 1)), rtol=0.01)
 
 
 def test_a_contact_sheet_keeps_its_pictures_and_has_ink_under_them():

@@ -26,10 +26,10 @@ def test_info_prints_the_depth_range_without_the_sky(tmp_path, cli):
     assert output.open(path, spec)
     output.write_image(np.array([[[1.5], [20.0]], [[np.inf], [np.nan]]], np.float32))
     output.close()
-    found = image_info(path)
-    values = found.ranges["Z"]
+    info = image_info(path)
+    values = info.ranges["Z"]
     assert (values.lowest, values.highest, values.infinite, values.nan) == (1.5, 20, 1, 1)
-    assert found.color_space == "linear"
+    assert info.color_space == "linear"
     outcome = cli("info", path)
     assert "range of Z  1.5 to 20, 1 infinite, 1 NaN" in outcome.out
 
@@ -44,16 +44,16 @@ def test_info_gives_the_size_of_the_upright_picture(tmp_path):
     assert output.open(path, spec)
     output.write_image(np.zeros((4, 6, 3), np.uint8))
     output.close()
-    found = image_info(path)
-    assert (found.width, found.height, found.orientation) == (4, 6, 8)
+    info = image_info(path)
+    assert (info.width, info.height, info.orientation) == (4, 6, 8)
 
 
 def test_info_names_the_colour_space_of_maps_and_exr(tmp_path):
     write_map(tmp_path / "m.exr", np.ones((2, 2)), channel="disparity")
     write_image(tmp_path / "i.exr", np.ones((2, 2, 3)))
     assert list(image_info(tmp_path / "m.exr").ranges) == ["disparity"]
-    found = image_info(tmp_path / "i.exr")
-    assert (found.pixel_type, found.color_space, found.ranges, found.parts) == ("half", "linear", {}, 1)
+    info = image_info(tmp_path / "i.exr")
+    assert (info.pixel_type, info.color_space, info.ranges, info.parts) == ("half", "linear", {}, 1)
 
 
 def test_info_prints_the_reason_for_a_refused_profile_and_the_rest(tmp_path, cli):
@@ -62,15 +62,15 @@ def test_info_prints_the_reason_for_a_refused_profile_and_the_rest(tmp_path, cli
     Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")  # noqa: N806
     picture = Image.new("RGB", (6, 4), (200, 100, 50))
     picture.save(tmp_path / "a.jpg", icc_profile=table)
-    with pytest.raises(ImageFileError) as told:
+    with pytest.raises(ImageFileError) as error:
         read_frame(tmp_path / "a.jpg")
-    found = image_info(tmp_path / "a.jpg")
-    assert (found.width, found.height, found.color_space) == (6, 4, "")
-    assert found.refusal == str(told.value)
+    info = image_info(tmp_path / "a.jpg")
+    assert (info.width, info.height, info.color_space) == (6, 4, "")
+    assert info.refusal == str(error.value)
     outcome = cli("info", tmp_path / "a.jpg")
     assert (outcome.code, outcome.err) == (0, "")
     assert "6 x 4 pixels" in outcome.out
-    assert f"no picture ({str(told.value).removeprefix(str(tmp_path / 'a.jpg') + ': ')})" in outcome.out
+    assert f"no picture ({str(error.value).removeprefix(str(tmp_path / 'a.jpg') + ': ')})" in outcome.out
 
 
 def test_info_finds_out_a_damaged_file(tmp_path):

@@ -49,11 +49,11 @@ def hub(tmp_path, write_red_network):
 def run(hub, tmp_path):
     def call(*words, source=RUN, **variables):
         clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
-        told = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
+        reports = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
         return subprocess.run(
             [sys.executable, "-c", source, *words],
             cwd=tmp_path,
-            env=clean | told | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
+            env=clean | reports | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
             capture_output=True,
             text=True,
             timeout=120,
@@ -80,14 +80,14 @@ def test_a_network_is_downloaded_once_after_consent_and_used_offline_then(run, h
     assert hub.asked == []
     assert stored(tmp_path) == []
 
-    got = run("models", "tiny", "--get")
-    assert (got.returncode, REVISION in got.stdout) == (0, True), got.stderr
+    result = run("models", "tiny", "--get")
+    assert (result.returncode, REVISION in result.stdout) == (0, True), result.stderr
     assert run("models").stdout.split()[1] == "downloaded"
 
-    asked = len(hub.asked)
+    requested = len(hub.asked)
     done = run(*DEPTH, HF_HUB_OFFLINE="1")
     assert (done.returncode, done.stderr) == (0, "")
-    assert len(hub.asked) == asked
+    assert len(hub.asked) == requested
     expected = np.broadcast_to(np.linspace(0, 1, WIDTH), (HEIGHT, WIDTH))
     assert_allclose(read_map(tmp_path / "out.exr"), expected, atol=0.03)
 
@@ -116,24 +116,24 @@ def on_terminal(hub, tmp_path):
     pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
 
     def call(answer, *words):
-        ours, theirs = pty.openpty()
+        result, reference = pty.openpty()
         clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
-        told = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
+        reports = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
         process = subprocess.Popen(
             [sys.executable, "-c", RUN, *words],
             cwd=tmp_path,
-            env=clean | told | {"PYTHONPATH": os.pathsep.join(sys.path)},
-            stdin=theirs,
-            stderr=theirs,
+            env=clean | reports | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=reference,
+            stderr=reference,
             stdout=subprocess.DEVNULL,
         )
-        os.close(theirs)
-        os.write(ours, answer.encode())
+        os.close(reference)
+        os.write(result, answer.encode())
         shown = b""
         with contextlib.suppress(OSError):  # the other end is closed
-            while block := os.read(ours, 4096):
+            while block := os.read(result, 4096):
                 shown += block
-        os.close(ours)
+        os.close(result)
         return process.wait(120), shown.decode()
 
     return call
@@ -271,9 +271,9 @@ def test_a_program_shows_the_offer_and_downloads_after_consent_only(run, hub, tm
     agreed = run("yes", source=FETCH).stdout.splitlines()
     assert f"progress {size} {size}" in agreed
     assert agreed[-1] == "model.onnx"
-    asked = len(hub.asked)
+    requested = len(hub.asked)
     assert run("no", source=FETCH).stdout.splitlines() == ["model.onnx"]  # no question for what is here
-    assert len(hub.asked) == asked
+    assert len(hub.asked) == requested
 
 
 @pytest.mark.slow

@@ -44,9 +44,9 @@ def test_a_preset_is_the_options_that_it_names(scene, name):
         for field, value in fields.items()
         for word in spelled(flags[group, field], value)
     ]
-    found = rendered(scene, "--preset", name)
-    np.testing.assert_array_equal(found, rendered(scene, *words))
-    assert np.abs(found - rendered(scene)).max() > 0
+    picture = rendered(scene, "--preset", name)
+    np.testing.assert_array_equal(picture, rendered(scene, *words))
+    assert np.abs(picture - rendered(scene)).max() > 0
 
 
 def spelled(option: str, value) -> list[str]:
@@ -56,16 +56,16 @@ def spelled(option: str, value) -> list[str]:
 def test_an_option_overrides_it(scene):
     preset = scene / "mine.toml"
     preset.write_text('description = "mine"\nblades = 5\ncats-eye = 0.5\n')
-    found = rendered(scene, "--preset", str(preset), "--blades", "7")
-    np.testing.assert_array_equal(found, rendered(scene, "--blades", "7", "--cats-eye", "0.5"))
+    picture = rendered(scene, "--preset", str(preset), "--blades", "7")
+    np.testing.assert_array_equal(picture, rendered(scene, "--blades", "7", "--cats-eye", "0.5"))
 
 
 def test_what_a_preset_prints_is_a_preset(scene, capsys):
     assert run(["presets", "anamorphic"]) == 0
     copy = scene / "copy.toml"
     copy.write_text(capsys.readouterr().out)
-    found, shipped = load_preset(copy), load_preset("anamorphic")
-    assert (found.description, found.values) == (shipped.description, shipped.values)
+    preset, shipped = load_preset(copy), load_preset("anamorphic")
+    assert (preset.description, preset.values) == (shipped.description, shipped.values)
 
 
 @pytest.mark.parametrize(

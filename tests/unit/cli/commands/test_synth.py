@@ -8,9 +8,9 @@ SMALL = ["--set", "scenes=1", "--set", "width=24", "--set", "height=16", "--set"
 
 def test_values_of_the_configuration_are_replaced(tmp_path):
     assert run(["synth", "--config", "configs/synth_tiny.toml", "--out", str(tmp_path / "set"), *SMALL]) == 0
-    made = ShardSet(tmp_path / "set")
-    assert len(made) == 1
-    assert made[0].image.shape == (16, 24, 3)
+    result = ShardSet(tmp_path / "set")
+    assert len(result) == 1
+    assert result[0].image.shape == (16, 24, 3)
 
 
 def test_a_value_that_cannot_be_replaced_is_one_line_and_nothing_is_written(tmp_path, capsys):

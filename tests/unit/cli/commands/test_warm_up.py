@@ -15,9 +15,9 @@ def known():
 def test_it_reports_how_many_kernels_are_ready(cli, no_bar):
     outcome = cli("warm-up", "--all")
     assert (outcome.code, outcome.err) == (0, "")
-    found = re.fullmatch(r"ready: (\d+) kernels shipped precompiled, (\d+) compiled by numba\n", outcome.out)
-    assert found is not None
-    assert int(found[1]) + int(found[2]) >= len(known()) > 20
+    match = re.fullmatch(r"ready: (\d+) kernels shipped precompiled, (\d+) compiled by numba\n", outcome.out)
+    assert match is not None
+    assert int(match[1]) + int(match[2]) >= len(known()) > 20
 
 
 def test_pictures_of_other_sizes_need_nothing_more(cli, no_bar):

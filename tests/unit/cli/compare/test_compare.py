@@ -34,15 +34,15 @@ def test_a_line_for_each_engine_a_sheet_and_a_page(scene, cli):
     assert done.code == 0, done.err
     lines = done.out.splitlines()
     assert [line.split()[0] for line in lines] == ["rays", "diffusion", "scatter"]
-    told = [float(re.search(r"([\d.]+) dB", line)[1]) for line in lines]
-    assert told[0] > 50 > told[2] > told[1] - 20
+    reports = [float(re.search(r"([\d.]+) dB", line)[1]) for line in lines]
+    assert reports[0] > 50 > reports[2] > reports[1] - 20
     bokeh = (
         BokehRenderer("diffusion")
         .render_arrays(read_image(folder / "in.exr"), (read_image(folder / "d.exr")[..., 0] - 0.2) * 10)
         .bokeh
     )
     shown = [linear_to_srgb(np.clip(x, 0, 1)) for x in (read_image(folder / "truth.exr"), bokeh)]
-    assert told[1] == pytest.approx(psnr(*shown), abs=0.1)
+    assert reports[1] == pytest.approx(psnr(*shown), abs=0.1)
     sheet = read_image(folder / "sheet.png")
     assert sheet.shape[0] > 4 * 2 * 60
     page = (folder / "page.html").read_text(encoding="utf-8")
@@ -95,8 +95,8 @@ def test_places_are_where_engines_differ():
     flat = np.full((100, 120, 3), 0.5, np.float32)
     other = flat.copy()
     other[70:90, 80:110] = 1
-    found = [EngineComparison(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
-    left, top, width, height = largest_difference_crops(found, size=30, count=1)[0]
+    results = [EngineComparison(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
+    left, top, width, height = largest_difference_crops(results, size=30, count=1)[0]
     assert (width, height) == (30, 30)
     assert top <= 75 <= top + 30
     assert left <= 85 <= left + 30

@@ -119,10 +119,10 @@ def test_two_lenses_stand_side_by_side(cli):
 def test_a_report_as_json_holds_the_curves(cli):
     outcome = cli("lens", "report", "petzval", "--f-number", 4, "--json")
     assert (outcome.code, outcome.err) == (0, "")
-    told = json.loads(outcome.out)
-    assert told["f_number"] == pytest.approx(4)
-    assert told["curves"]["relative_illumination"][0] == 1
-    curves = told["curves"]
+    summary = json.loads(outcome.out)
+    assert summary["f_number"] == pytest.approx(4)
+    assert summary["curves"]["relative_illumination"][0] == 1
+    curves = summary["curves"]
     assert len(curves["mtf"]) == len(curves["ray_fans"]) == len(curves["wave_mtf"]) == 3
     assert [len(front["zernike"]) for front in curves["wavefronts"]] == [22] * 3
     near, far = curves["depth_of_field"]["range"]
@@ -159,7 +159,7 @@ def test_two_sheets_are_one_pdf(cli, tmp_path, no_bar):
     pytest.importorskip("matplotlib")
     outcome = cli("lens", "compare", "biconvex", "petzval", "-o", tmp_path / "a.pdf")
     assert (outcome.code, outcome.err) == (0, "")
-    found = (tmp_path / "a.pdf").read_bytes()
-    assert found.startswith(b"%PDF-1.")
-    assert found.rstrip().endswith(b"%%EOF")
+    result = (tmp_path / "a.pdf").read_bytes()
+    assert result.startswith(b"%PDF-1.")
+    assert result.rstrip().endswith(b"%%EOF")
     assert re.search(r"Biconvex.* +Petzval", outcome.out)

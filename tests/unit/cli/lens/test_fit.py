@@ -54,8 +54,8 @@ def test_a_pair_names_blur_and_focus_in_option_units(cli, tmp_path, no_bar, monk
         *("-o", tmp_path / "look.toml", "--residual", tmp_path / "left.png"),
     )
     assert outcome.code == 0, outcome.err
-    told = {line.split()[0]: line.split()[1] for line in outcome.out.splitlines()}
-    assert float(told["blur"]) == pytest.approx(12, rel=0.05)
-    assert float(told["focus"]) == pytest.approx(0.3, abs=0.02)
+    reports = {line.split()[0]: line.split()[1] for line in outcome.out.splitlines()}
+    assert float(reports["blur"]) == pytest.approx(12, rel=0.05)
+    assert float(reports["focus"]) == pytest.approx(0.3, abs=0.02)
     assert 'description = "Fitted to a pair of pictures"' in (tmp_path / "look.toml").read_text()
     assert read_image(tmp_path / "left.png").shape == (60, 240, 3)

@@ -39,7 +39,7 @@ def test_a_lens_becomes_a_preset_with_its_table(cli, tmp_path, no_bar):
     assert re.search(r"correlation with traced points 0\.9\d+", outcome.out)
     assert 'aberration-table = "mine.csv"' in (tmp_path / "mine.toml").read_text()
     write_image(tmp_path / "in.png", np.full((16, 16, 3), 0.5, np.float32))
-    taken = cli(
+    selected = cli(
         "render",
         tmp_path / "in.png",
         "--disparity",
@@ -53,7 +53,7 @@ def test_a_lens_becomes_a_preset_with_its_table(cli, tmp_path, no_bar):
         "-o",
         tmp_path / "out.png",
     )
-    assert taken.code == 0, taken.err
+    assert selected.code == 0, selected.err
 
 
 @pytest.mark.slow
@@ -76,8 +76,8 @@ def test_a_copy_is_a_lens_file_and_one_side_of_its_picture_is_softer(cli, tmp_pa
     assert design["image_lean"] == [0, 0]
     assert np.hypot(*copy["image_lean"]) > 0.05  # degrees
     assert "shift = [" in (tmp_path / "c.toml").read_text()
-    told = cli("lens", "copy", "petzval", "--copies", 3, "--tilt", 0)
-    assert [line.split("  ")[0] for line in told.out.splitlines()[2:]] == [
+    result = cli("lens", "copy", "petzval", "--copies", 3, "--tilt", 0)
+    assert [line.split("  ")[0] for line in result.out.splitlines()[2:]] == [
         "design",
         "copy 0",
         "copy 1",
@@ -109,7 +109,7 @@ def test_a_profile_texture_is_compared_and_stored(cli, tmp_path, no_bar, monkeyp
 
     whole = profile_comparison.compare_profiles
     monkeypatch.setattr(
-        profile_comparison, "compare_profiles", lambda lens, **told: whole(lens, **told, rays=300)
+        profile_comparison, "compare_profiles", lambda lens, **message: whole(lens, **message, rays=300)
     )
     path = tmp_path / "p.npz"
     outcome = cli("lens", "profile", "petzval", "--focus", 3, "--rows", 9, "--columns", 16, "-o", path)

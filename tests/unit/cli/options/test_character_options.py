@@ -115,8 +115,8 @@ def test_a_lens_darkens_the_corners_by_default(folder, cli):
     light = relative_illumination(lens, lens.prescription.image_radius)
     place = np.stack(np.meshgrid(np.arange(64) - 31.5, np.arange(40) - 19.5), -1)
     radius = np.hypot(*np.moveaxis(place, -1, 0)) / math.hypot(32, 20)
-    wanted = even * np.interp(radius, np.linspace(0, 1, 33), light)[..., None]
-    assert_allclose(darkened, wanted, rtol=2 * HALF, atol=1e-5)
+    expected = even * np.interp(radius, np.linspace(0, 1, 33), light)[..., None]
+    assert_allclose(darkened, expected, rtol=2 * HALF, atol=1e-5)
     assert (darkened[0, 0] < 0.8 * even[0, 0]).all()
 
 

@@ -17,7 +17,7 @@ WORDS += ["--repair-disparity", "off", "--engine", "scatter"]
 
 
 @pytest.mark.parametrize(
-    ("options", "wanted"),
+    ("options", "expected"),
     [
         (["--distortion", -0.1], {"distortion": DivisionModel(strength=-0.1)}),
         (
@@ -42,13 +42,13 @@ WORDS += ["--repair-disparity", "off", "--engine", "scatter"]
         ),
     ],
 )
-def test_options_are_the_effects_of_the_library(folder, cli, options, wanted):
+def test_options_are_the_effects_of_the_library(folder, cli, options, expected):
     """Oracle: CameraEffects, which has its own tests, on what BokehRenderer gives."""
     outcome = cli(*WORDS, *options, "-o", "out.exr", "--save-maps", "maps", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
     plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
-    bokeh = CameraEffects(**wanted).apply(plain)
+    bokeh = CameraEffects(**expected).apply(plain)
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
     assert_allclose(read_image("maps/classical.png"), np.clip(plain, 0, 1), atol=0.01)  # before the effects
@@ -77,15 +77,15 @@ def test_a_strength_of_next_to_nothing_changes_next_to_nothing(folder, cli, opti
 
 
 def test_frames_have_a_grain_of_their_own_that_comes_back(folder, cli):
-    """Oracle: the library, told the number of the frame."""
+    """Oracle: the library, with the number of the frame."""
     words = [*WORDS, "--grain", 6400, "--frames", "7-8", "-o", "out.##.exr"]
     assert cli(*words).code == 0
     first = [read_image(f"out.0{number}.exr") for number in (7, 8)]
     assert np.abs(first[0] - first[1]).max() > 0.02
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
     plain = BokehRenderer("scatter").render_arrays(read_image("photo.png"), defocus).bokeh
-    wanted = CameraEffects(grain=Grain(iso=6400.0)).apply(plain, frame=8)
-    assert_allclose(first[1], wanted, rtol=HALF, atol=1e-5)
+    expected = CameraEffects(grain=Grain(iso=6400.0)).apply(plain, frame=8)
+    assert_allclose(first[1], expected, rtol=HALF, atol=1e-5)
 
 
 def stored(name):
@@ -104,20 +104,20 @@ def test_alpha_moves_with_the_light_and_other_channels_stay(folder, cli, write_c
     options = ["--distortion", 0.3, "--vignette", 2, "--grain", 6400]
     assert cli(*words, "-o", "plain.exr").code == 0
     assert cli(*words, *options, "-o", "out.exr").code == 0
-    plain, found = stored("plain.exr"), stored("out.exr")
+    plain, result = stored("plain.exr"), stored("out.exr")
     effects = CameraEffects(
         distortion=DivisionModel(strength=0.3), vignette=Vignette(stops=2.0), grain=Grain(iso=6400.0)
     )
-    wanted = effects.apply(np.stack([plain[name] for name in "RGBA"], -1))
+    expected = effects.apply(np.stack([plain[name] for name in "RGBA"], -1))
     for number, name in enumerate("RGBA"):
-        assert_allclose(found[name], wanted[..., number], atol=1e-5)
-    assert_array_equal(found["Z"], plain["Z"])
-    assert np.abs(found["A"] - plain["A"]).max() > 0.2
-    assert_array_equal(found["G"][found["A"] == 0], 0)
+        assert_allclose(result[name], expected[..., number], atol=1e-5)
+    assert_array_equal(result["Z"], plain["Z"])
+    assert np.abs(result["A"] - plain["A"]).max() > 0.2
+    assert_array_equal(result["G"][result["A"] == 0], 0)
 
 
 def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
-    """Oracle: the library, told where the stored pixels lie in the shown picture."""
+    """Oracle: the library, with the position of the stored pixels in the shown picture."""
     image = oiio.ImageBuf("camera.exr")
     spec = image.specmod()
     spec.x, spec.y, spec.full_x, spec.full_y = -8, -4, 0, 0
@@ -126,17 +126,17 @@ def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
     words = ["render", "overscan.exr", *WORDS[2:]]
     assert cli(*words, "-o", "plain.exr").code == 0
     assert cli(*words, "--distortion", -0.1, "--vignette", 1, "--grain", 1600, "-o", "out.exr").code == 0
-    plain, found = stored("plain.exr"), stored("out.exr")
+    plain, result = stored("plain.exr"), stored("out.exr")
     effects = CameraEffects(
         distortion=DivisionModel(strength=-0.1), vignette=Vignette(stops=1.0), grain=Grain(iso=1600.0)
     )
     view = Viewport(width=WIDTH - 16, height=HEIGHT - 8, left=-8, top=-4)
-    wanted = effects.apply(np.stack([plain[name] for name in "RGB"], -1), view=view)
+    expected = effects.apply(np.stack([plain[name] for name in "RGB"], -1), view=view)
     for number, name in enumerate("RGB"):
-        assert_allclose(found[name], wanted[..., number], atol=1e-5)
+        assert_allclose(result[name], expected[..., number], atol=1e-5)
     written = oiio.ImageBuf("out.exr").spec()
     assert (written.x, written.y, written.full_width) == (-8, -4, WIDTH - 16)
-    assert_array_equal(found["Z"], plain["Z"])
+    assert_array_equal(result["Z"], plain["Z"])
 
 
 @pytest.mark.parametrize(

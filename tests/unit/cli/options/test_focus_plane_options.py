@@ -76,16 +76,16 @@ def test_no_tilt_changes_no_bit(folder, cli):
 )
 def test_relative_focus_changes_by_the_tangent_across_the_picture(defocus, steps, options, pixel, focus):
     """Authority: the formula in ``relative_plane``, written out."""
-    found = defocus(*RELATIVE, *options, "--tilt-x", -30, "--tilt-y", 20)
+    result = defocus(*RELATIVE, *options, "--tilt-x", -30, "--tilt-y", 20)
     sharp = focus + math.tan(math.radians(20)) / WIDTH * (X - pixel[0])
     sharp += math.tan(math.radians(30)) / HEIGHT * (Y - pixel[1])
-    assert_allclose(found, 6 * (steps - sharp), atol=1e-5)
+    assert_allclose(result, 6 * (steps - sharp), atol=1e-5)
 
 
 def test_three_pixels_are_sharp_and_all_of_their_plane(defocus, steps):
-    found = defocus(*RELATIVE, "--focus-plane", "4,3", "30,30", "60,5")
-    assert_allclose([found[3, 4], found[30, 30], found[5, 60]], 0, atol=1e-5)
-    focus = steps - found / 6
+    result = defocus(*RELATIVE, "--focus-plane", "4,3", "30,30", "60,5")
+    assert_allclose([result[3, 4], result[30, 30], result[5, 60]], 0, atol=1e-5)
+    focus = steps - result / 6
     assert_allclose(np.diff(focus, 2, axis=0), 0, atol=1e-6)
     assert_allclose(np.diff(focus, 2, axis=1), 0, atol=1e-6)
 
@@ -97,9 +97,9 @@ def test_three_pixels_are_sharp_and_all_of_their_plane(defocus, steps):
 )
 def test_metric_focus_is_that_of_the_tilted_lens(defocus, tilt, options, pixel, focus):
     """Authority: the thin lens equation along the axis of the lens."""
-    found = defocus(*METRIC, *options, "--tilt-x", tilt[0], "--tilt-y", tilt[1])
-    wanted = lens_equation(1 / (1000 * read_map("camera.exr", "Z")), tilt, pixel, focus)
-    assert_allclose(found, wanted, rtol=1e-4, atol=1e-4)
+    result = defocus(*METRIC, *options, "--tilt-x", tilt[0], "--tilt-y", tilt[1])
+    expected = lens_equation(1 / (1000 * read_map("camera.exr", "Z")), tilt, pixel, focus)
+    assert_allclose(result, expected, rtol=1e-4, atol=1e-4)
 
 
 def test_three_pixels_of_a_depth_map_tilt_the_lens(defocus, folder, write_channels):
@@ -122,11 +122,11 @@ def test_three_pixels_of_a_depth_map_tilt_the_lens(defocus, folder, write_channe
 
 
 def test_both_ends_of_a_focus_range_are_tilted(defocus, steps):
-    found = defocus(*RELATIVE, "--focus-range", "0.6,0.2", "--tilt-y", 45)
+    result = defocus(*RELATIVE, "--focus-range", "0.6,0.2", "--tilt-y", 45)
     lean = (X - 31.5) / WIDTH
-    wanted = np.maximum(steps - 0.6 - lean, 0) + np.minimum(steps - 0.2 - lean, 0)
-    assert_allclose(found, 6 * wanted, atol=1e-5)
-    assert (found == 0).any()
+    expected = np.maximum(steps - 0.6 - lean, 0) + np.minimum(steps - 0.2 - lean, 0)
+    assert_allclose(result, 6 * expected, atol=1e-5)
+    assert (result == 0).any()
 
 
 def test_pixels_are_those_of_the_shown_picture(folder, defocus):
@@ -144,9 +144,9 @@ def test_pixels_are_those_of_the_shown_picture(folder, defocus):
         (("--focus-at", "22,1", "--tilt-x", 5), ("--focus-at", "30,5", "--tilt-x", 5)),
         (("--focus-plane", "20,0", "40,0", "9,20"), ("--focus-plane", "28,4", "48,4", "17,24")),
     ):
-        found = defocus(*over, *first)
-        assert_allclose(found, defocus(*wide, *second), rtol=1e-4, atol=1e-4)
-        assert np.ptp(found) > 0.5
+        result = defocus(*over, *first)
+        assert_allclose(result, defocus(*wide, *second), rtol=1e-4, atol=1e-4)
+        assert np.ptp(result) > 0.5
 
 
 def test_rays_make_the_discs_conic_and_the_scatter_leaves_them_round(folder, cli, steps):

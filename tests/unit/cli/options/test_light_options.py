@@ -17,7 +17,7 @@ SCATTER = [*WORDS, "--engine", "scatter"]
 
 
 @pytest.mark.parametrize(
-    ("options", "wanted"),
+    ("options", "expected"),
     [
         (["--gamma", 2.5], {"gamma": 2.5}),
         (["--highlights", 0.7], {"highlights": Highlights(threshold=0.7)}),
@@ -28,14 +28,14 @@ SCATTER = [*WORDS, "--engine", "scatter"]
         ),
     ],
 )
-def test_options_are_those_of_the_renderer(folder, cli, options, wanted):
+def test_options_are_those_of_the_renderer(folder, cli, options, expected):
     """Oracle: BokehRenderer, which has its own tests, called directly."""
     outcome = cli(*SCATTER, *options, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))
     plain = BokehRenderer("scatter").render_arrays(image, defocus).bokeh
-    bokeh = BokehRenderer("scatter").render_arrays(image, defocus, options=RenderOptions(**wanted)).bokeh
+    bokeh = BokehRenderer("scatter").render_arrays(image, defocus, options=RenderOptions(**expected)).bokeh
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 
@@ -51,9 +51,9 @@ def test_gamma_1_and_no_highlights_change_no_bit(folder, cli):
 def test_highlights_are_kept_by_exr_and_clipped_by_png(folder, cli):
     """A sharp white picture: the gain is in the EXR, the PNG stays white."""
     write_image("photo.png", np.ones((40, 64, 3)))
-    for name, wanted in (("out.exr", 6.0), ("out.png", 1.0)):
+    for name, expected in (("out.exr", 6.0), ("out.png", 1.0)):
         assert cli(*SCATTER, "--highlights", 0.8, "--highlight-gain", 6, "-o", name).code == 0
-        assert_allclose(read_image(name), wanted, rtol=1e-3)
+        assert_allclose(read_image(name), expected, rtol=1e-3)
 
 
 def test_the_hybrid_takes_highlights(folder, cli, random_weights):

@@ -13,7 +13,7 @@ from bokehnet.settings.settings import RenderSettings
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other units of peak memory")
 
 
-# The peak that a parent is told of its child begins with the parent's own, so the program tells it.
+# The peak that a parent reads of its child begins with the parent's own, so the program prints it.
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -58,8 +58,8 @@ def test_the_least_is_enough_for_networks(large):
     """Near squares all over, so that both networks look at, and correct, all of the picture."""
     near = np.kron(np.arange(40 * 25).reshape(40, 25) % 2, np.ones((120, 120)))
     write_map("squares.png", 0.1 + 0.8 * near)
-    told = {"input": {"disparity": "squares.png"}, "camera": {"blur": 20}, "focus": {"value": 0.3}}
-    least = min_memory(RenderSettings().updated(told), "fast", 3000, 4800)
+    reports = {"input": {"disparity": "squares.png"}, "camera": {"blur": 20}, "focus": {"value": 0.3}}
+    least = min_memory(RenderSettings().updated(reports), "fast", 3000, 4800)
     words = ("--disparity", "squares.png", "--blur", "20", "--focus", "0.3", "--engine", "fast")
     repair = ("--repair-disparity", "on", "--max-memory", str(least))
     assert peak_of("render", "photo.png", *words, *repair, "-o", "out.png") <= least

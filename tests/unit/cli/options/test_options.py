@@ -179,9 +179,9 @@ def test_completion_offers_commands_choices_and_presets(tmp_path):
 
 
 def test_the_earlier_name_of_the_repair_works(picture):
-    wanted = picture(*FULL, "--repair-disparity", "on")
+    expected = picture(*FULL, "--repair-disparity", "on")
     words = [word for word in FULL if word not in ("--repair-disparity", "off")]
-    assert picture(*words, "--refine-disparity", "on") == wanted
+    assert picture(*words, "--refine-disparity", "on") == expected
 
 
 def test_both_names_of_one_option_are_too_many(fails):
@@ -250,16 +250,16 @@ def test_unknown_options_are_reported_in_one_line(fails, options, words):
 
 
 def test_a_settings_file_is_the_options_that_it_names(folder, picture):
-    wanted = picture(*FULL, "--blades", 6, "--grain", 1600, "--grain-seed", 3)
+    expected = picture(*FULL, "--blades", 6, "--grain", 1600, "--grain-seed", 3)
     (folder / "mine.toml").write_text(
         '[input]\ndisparity = "disparity.png"\n[camera]\nblur = 6\n[focus]\nvalue = 0.4\n'
         "[aperture]\nblades = 6\n[effects]\ngrain = 1600\ngrain_seed = 3\n"
         '[depth]\nrepair = "off"\n[engine]\nname = "scatter"\n'
     )
-    assert picture("render", "photo.png", "-o", "out.exr", "--settings", "mine.toml") == wanted
-    # Beside it an option prevails, and a preset, too.
+    assert picture("render", "photo.png", "-o", "out.exr", "--settings", "mine.toml") == expected
+    # An option overrides it, and so does a preset.
     other = picture("render", "photo.png", "-o", "out.exr", "--settings", "mine.toml", "--blades", 7)
-    assert other == picture(*FULL, "--blades", 7, "--grain", 1600, "--grain-seed", 3) != wanted
+    assert other == picture(*FULL, "--blades", 7, "--grain", 1600, "--grain-seed", 3) != expected
     (folder / "look.toml").write_text("blades = 8\ngrain = 100\n")
     words = ("--settings", "mine.toml", "--preset", "look.toml", "--grain", 1600)
     layered = picture("render", "photo.png", "-o", "out.exr", *words)
@@ -268,10 +268,10 @@ def test_a_settings_file_is_the_options_that_it_names(folder, picture):
 
 def test_what_save_maps_writes_renders_the_same_again(folder, picture):
     options = ("--blades", 5, "--blade-curvature", 0.4, "--vignette", -1, "--highlights", 0.7)
-    wanted = picture(*FULL, *options, "--save-maps", "maps")
+    expected = picture(*FULL, *options, "--save-maps", "maps")
     (folder / "out.exr").unlink()
     again = ("render", "photo.png", "-o", "out.exr", "--settings", "maps/settings.toml")
-    assert picture(*again) == wanted
+    assert picture(*again) == expected
 
 
 @pytest.mark.parametrize(
@@ -296,9 +296,9 @@ def test_a_settings_file_that_is_wrong_is_reported(folder, fails, text, words):
 
 def test_a_defocus_map_is_rendered_as_it_is(folder, picture):
     """Oracle: the disparity that it was made of."""
-    wanted = picture(*FULL)
+    expected = picture(*FULL)
     write_map("radii.exr", 6 * (read_disparity("disparity.png") - np.float32(0.4)))
-    assert picture(*SHORT, "--defocus-map", "radii.exr", "--save-maps", "maps") == wanted
+    assert picture(*SHORT, "--defocus-map", "radii.exr", "--save-maps", "maps") == expected
     assert_array_equal(read_map("maps/defocus.exr"), read_map("radii.exr"))
 
 

@@ -1,4 +1,4 @@
-"""How a result is written: colours, bits, coding, metadata."""
+"""Options of the output: colours, bits, coding, metadata."""
 
 import numpy as np
 import pytest

@@ -70,7 +70,7 @@ def test_finished_pictures_are_kept(photos, cli):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["photos", "-o", "out.png"], "--output: expected a folder for many pictures, got out.png"),
         (["photos"], "--output: expected a folder for many pictures, got none"),
@@ -84,8 +84,8 @@ def test_finished_pictures_are_kept(photos, cli):
         ),
     ],
 )
-def test_an_invalid_batch_is_reported_in_one_line(photos, cli, words, told):
+def test_an_invalid_batch_is_reported_in_one_line(photos, cli, words, message):
     outcome = cli("render", *words, "--constant-disparity", "0.5", *WORDS)
     assert outcome.code == 1
-    assert told in outcome.err
+    assert message in outcome.err
     assert outcome.err.count("\n") == 1

@@ -47,17 +47,17 @@ def textbook_defocus(metres, focus):
 def test_disparity_blur_and_focus_give_the_scatter_of_the_bokehme_formula(rendered):
     """Oracle: defocus = blur * (disparity - focus), Peng et al. 2022, into the scatter renderer."""
     bokeh, defocus = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
-    wanted = (6 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
-    assert_allclose(defocus, wanted, atol=1e-6)
-    assert_allclose(bokeh, scatter_of(read_image("photo.png"), wanted), rtol=HALF, atol=1e-5)
+    expected = (6 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
+    assert_allclose(defocus, expected, atol=1e-6)
+    assert_allclose(bokeh, scatter_of(read_image("photo.png"), expected), rtol=HALF, atol=1e-5)
 
 
 @pytest.mark.parametrize(("pixel", "focus"), [("0,0", 0.0), ("30,5", 102 / 255), ("63, 39", 1.0)])
 def test_focus_at_equals_focus_on_the_value_of_that_pixel(rendered, pixel, focus):
     by_pixel = rendered(*RELATIVE, "--blur", 6, "--focus-at", pixel)
     by_value = rendered(*RELATIVE, "--blur", 6, "--focus", focus)
-    for found, wanted in zip(by_pixel, by_value, strict=True):
-        assert_allclose(found, wanted, rtol=2 * HALF, atol=1e-5)
+    for result, expected in zip(by_pixel, by_value, strict=True):
+        assert_allclose(result, expected, rtol=2 * HALF, atol=1e-5)
 
 
 @pytest.mark.parametrize("focus", [1.0, 3.0])
@@ -95,8 +95,8 @@ def test_resize_disparity_brings_a_smaller_map_to_the_picture(rendered):
     write_map("small.png", read_map("disparity.png")[::2, ::2])
     small = ("render", "photo.png", "--disparity", "small.png", "--resize-disparity", *EXACT)
     _, defocus = rendered(*small, "--blur", 6, "--focus", 0.4)
-    _, wanted = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
-    assert_allclose(defocus, wanted, atol=1e-6)
+    _, expected = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
+    assert_allclose(defocus, expected, atol=1e-6)
 
 
 def test_resize_disparity_keeps_an_infinite_sky_of_a_depth_map(rendered, write_channels):
@@ -137,14 +137,14 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
     outcome = cli(*RELATIVE, "--blur", 6, "--focus", 0.4, "-o", "out.exr", *hybrid, "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
-    wanted = BokehRenderer("hybrid", weights=random_weights).render_arrays(
+    expected = BokehRenderer("hybrid", weights=random_weights).render_arrays(
         image, 6 * (disparity - np.float32(0.4))
     )
-    assert_allclose(read_image("out.exr"), wanted.bokeh, rtol=HALF, atol=1e-5)
+    assert_allclose(read_image("out.exr"), expected.bokeh, rtol=HALF, atol=1e-5)
     maps = folder / "deep" / "maps"
     names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "neural.png", "settings.toml"}
     assert {path.name for path in maps.iterdir()} == names
-    assert_allclose(read_map(maps / "error_map.png"), wanted.error_map, atol=0.5 / 255 + 1e-6)
+    assert_allclose(read_map(maps / "error_map.png"), expected.error_map, atol=0.5 / 255 + 1e-6)
     grey = 0.5 + 0.5 * read_map(maps / "defocus.exr") / 3.6  # the largest radius is 6 * 0.6
     assert_allclose(read_map(maps / "defocus.png"), grey, atol=0.5 / 255 + 1e-6)
 
@@ -207,11 +207,11 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
     soft = gaussian_filter(read_disparity("disparity.png"), 2.0).astype(np.float32)
     write_map("soft.exr", soft)
     words = ("render", "photo.png", "--disparity", "soft.exr", "--blur", 6, "--focus-at", "10,10")
-    given = read_disparity("soft.exr")
-    refined = DisparityRepair()(read_image("photo.png"), given)
-    assert np.abs(refined - given).max() > 0.1
-    decided = DisparityRepair()(read_image("photo.png"), given, "auto")
-    for mode, values in (("off", given), ("on", refined), ("auto", decided)):
+    original = read_disparity("soft.exr")
+    refined = DisparityRepair()(read_image("photo.png"), original)
+    assert np.abs(refined - original).max() > 0.1
+    decided = DisparityRepair()(read_image("photo.png"), original, "auto")
+    for mode, values in (("off", original), ("on", refined), ("auto", decided)):
         _, defocus = rendered(*words, "--repair-disparity", mode)
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-4)  # focus: median of a patch
 

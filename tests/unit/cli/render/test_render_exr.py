@@ -1,4 +1,4 @@
-"""What a compositor expects of ``bokehnet render`` on EXR: camera, alpha, units, other channels, windows."""
+"""``bokehnet render`` on EXR as compositors expect it: camera, alpha, units, other channels, windows."""
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -47,21 +47,21 @@ def stored(name):
 
 def test_the_camera_in_the_file_fills_what_was_not_typed_and_options_win(defocus):
     """Oracle: the same numbers typed; focus is stored in metres, widths and lengths in mm."""
-    wanted = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
+    expected = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
     stopped = defocus(*DEPTH, *LENS[:2], "--f-number", 4, *LENS[4:], "--focus-distance", 1.5)
     add_attributes("camera.exr", effectiveFocalLength=50.0, aperture=2.0, focus=1.5, cameraAperture=36.0)
-    assert_allclose(defocus(*DEPTH), wanted, rtol=1e-5)
+    assert_allclose(defocus(*DEPTH), expected, rtol=1e-5)
     assert_allclose(defocus(*DEPTH, "--f-number", 4), stopped, rtol=1e-5)
     at_pixel = defocus(*DEPTH, "--focus-at", "30,5")
     assert at_pixel[5, 30] == pytest.approx(0, abs=1e-5)
-    assert np.abs(at_pixel - wanted).max() > 0.1
+    assert np.abs(at_pixel - expected).max() > 0.1
 
 
 def test_the_camera_may_come_from_the_file_of_the_depth(defocus):
-    wanted = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
+    expected = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
     add_attributes("camera.exr", effectiveFocalLength=50.0, aperture=2.0, focus=1.5, cameraAperture=36.0)
-    found = defocus("render", "photo.png", *DEPTH[2:])
-    assert_allclose(found, wanted, rtol=1e-5)
+    result = defocus("render", "photo.png", *DEPTH[2:])
+    assert_allclose(result, expected, rtol=1e-5)
 
 
 def test_values_missing_in_the_file_are_assumed_and_stated(folder, cli):
@@ -74,11 +74,11 @@ def test_values_missing_in_the_file_are_assumed_and_stated(folder, cli):
 
 @pytest.mark.parametrize(("unit", "factor"), [("cm", 100.0), ("ft", 1 / 0.3048), ("1/m", None)])
 def test_depth_in_other_units(defocus, write_channels, unit, factor):
-    wanted = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
+    expected = defocus(*DEPTH, *LENS, "--focus-distance", 1.5)
     metres = read_map("camera.exr", "Z")
     write_channels("z.exr", Z=1 / metres if factor is None else metres * np.float32(factor))
     words = ("render", "camera.exr", "--depth", "z.exr", "--depth-unit", unit, *DEPTH[4:], *LENS)
-    assert_allclose(defocus(*words, "--focus-distance", 1.5), wanted, rtol=1e-5)
+    assert_allclose(defocus(*words, "--focus-distance", 1.5), expected, rtol=1e-5)
 
 
 def test_all_between_the_ends_of_a_focus_range_keeps_every_bit(folder, cli, write_channels):
@@ -102,8 +102,8 @@ def test_a_focus_range_of_relative_disparity(folder, cli):
     words = ("render", "photo.png", "--disparity", "disparity.png", *FAST, "--save-maps", "maps")
     assert cli(*words, "-o", "out.png", "--blur", 6, "--focus-range", "0.3,0.5").code == 0
     disparity = read_disparity("disparity.png")
-    wanted = 6 * (disparity - np.clip(disparity, 0.3, 0.5))
-    assert_allclose(read_map("maps/defocus.exr"), wanted, atol=1e-6)
+    expected = 6 * (disparity - np.clip(disparity, 0.3, 0.5))
+    assert_allclose(read_map("maps/defocus.exr"), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -153,8 +153,8 @@ def test_normalised_depth_is_inverted(folder, cli):
     """Authority: 1 - value is near-bright again."""
     words = ("render", "photo.png", *FAST, "--blur", 6, "--focus", 0.25, "--save-maps", "maps")
     assert cli(*words, "-o", "out.png", "--disparity", "disparity.png", "--invert").code == 0
-    wanted = 6 * (1 - read_disparity("disparity.png") - 0.25)
-    assert_allclose(read_map("maps/defocus.exr"), wanted, atol=1e-6)
+    expected = 6 * (1 - read_disparity("disparity.png") - 0.25)
+    assert_allclose(read_map("maps/defocus.exr"), expected, atol=1e-6)
 
 
 def test_alpha_is_spread_as_the_light_is_and_other_channels_pass_through(folder, cli, write_channels):
@@ -174,8 +174,8 @@ def test_alpha_is_spread_as_the_light_is_and_other_channels_pass_through(folder,
     for name in ("Z", "matte"):
         assert_array_equal(after[name], before[name])
     defocus = read_map("maps/defocus.exr")
-    wanted = scatter_of(np.repeat(alpha[..., None], 3, -1), defocus)[..., 0]
-    assert_allclose(after["A"], wanted, atol=1e-6)
+    expected = scatter_of(np.repeat(alpha[..., None], 3, -1), defocus)[..., 0]
+    assert_allclose(after["A"], expected, atol=1e-6)
     assert_allclose(after["G"], scatter_of(light, defocus)[..., 1], atol=1e-6)
     assert after["A"][8, 30] > 0.01
     assert cli(*words, "-o", "out.png").code == 0
@@ -192,11 +192,11 @@ def test_overscan_is_rendered_and_the_sensor_spans_the_shown_picture(folder, cli
     words = ("--focal-length", 50, "--f-number", 2, "--save-maps", "maps", *FAST)
     over = ("render", "overscan.exr", "--depth", "overscan.exr", "-o", "out.exr", *words)
     assert cli(*over, "--sensor-width", 36, "--focus-at", "22,1").code == 0
-    found = read_map("maps/defocus.exr")
-    assert found.shape == (HEIGHT, WIDTH)
+    values = read_map("maps/defocus.exr")
+    assert values.shape == (HEIGHT, WIDTH)
     plain = ("render", "camera.exr", "--depth", "camera.exr", "-o", "plain.exr", *words)
     assert cli(*plain, "--sensor-width", 36 * WIDTH / (WIDTH - 16), "--focus-at", "30,5").code == 0
-    assert_allclose(found, read_map("maps/defocus.exr"), rtol=1e-5, atol=1e-6)
+    assert_allclose(values, read_map("maps/defocus.exr"), rtol=1e-5, atol=1e-6)
     written = oiio.ImageBuf("out.exr").spec()
     assert (written.x, written.y, written.full_width) == (-8, -4, WIDTH - 16)
     outcome = cli(*over, "--sensor-width", 36, "--focus-at", f"{WIDTH - 16},0")
@@ -212,11 +212,11 @@ def test_mixed_depth_is_repaired_where_there_is_much_of_it(folder, cli, write_ch
     depth[:, 30] = 0.4 * 2 + 0.6 * 8
     write_channels("z.exr", Z=depth)
     words = ("render", "photo.png", "--depth", "z.exr", *FAST, *LENS, "--focus-distance", 2, "-o", "out.png")
-    for mode, wanted in (("auto", sharp), ("on", sharp), ("off", depth)):
+    for mode, expected in (("auto", sharp), ("on", sharp), ("off", depth)):
         assert cli(*words, "--mixed-depth", mode, "--save-maps", "maps").code == 0
         defocus = read_map("maps/defocus.exr")
-        assert_allclose(defocus, np.where(wanted == 2, 0, defocus), atol=1e-5)
-        radius = 50**2 / (2 * 1950) * (1 - 2 / wanted) / 2 / (36 / WIDTH)  # c = f^2 (d - s) / (N (s - f) d)
+        assert_allclose(defocus, np.where(expected == 2, 0, defocus), atol=1e-5)
+        radius = 50**2 / (2 * 1950) * (1 - 2 / expected) / 2 / (36 / WIDTH)  # c = f^2 (d - s) / (N (s - f) d)
         assert_allclose(-defocus, radius, atol=1e-4)
 
 

@@ -85,10 +85,10 @@ def radius(distance, focus, focal_length, f_number):
 
 
 def test_a_portrait_just_works(defocus):
-    """Sharp in its middle, blurred as by a full-frame 28 mm lens, which has the view that EXIF tells."""
-    found = defocus("--f-number", 1.8)
-    assert_allclose(found[24, 32], 0, atol=1e-6)
-    assert_allclose(found[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.8), rtol=1e-4)
+    """Sharp in its middle, blurred as by a full-frame 28 mm lens, which has the view of its EXIF."""
+    result = defocus("--f-number", 1.8)
+    assert_allclose(result[24, 32], 0, atol=1e-6)
+    assert_allclose(result[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.8), rtol=1e-4)
 
 
 def test_without_any_option_the_f_number_is_that_of_the_phone(defocus):
@@ -96,31 +96,31 @@ def test_without_any_option_the_f_number_is_that_of_the_phone(defocus):
 
 
 def test_options_override_the_metadata_of_the_photo(defocus):
-    found = defocus("--f-number", 2, "--focal-length", 50, "--focus-distance", 3)
-    assert_allclose(found[2, 2], radius(metres(BACK), 3, 50, 2), rtol=1e-4)
-    assert_allclose(found[24, 32], radius(metres(FRONT), 3, 50, 2), rtol=1e-4)
+    result = defocus("--f-number", 2, "--focal-length", 50, "--focus-distance", 3)
+    assert_allclose(result[2, 2], radius(metres(BACK), 3, 50, 2), rtol=1e-4)
+    assert_allclose(result[24, 32], radius(metres(FRONT), 3, 50, 2), rtol=1e-4)
     at_back = defocus("--f-number", 2, "--focus-at", "2,2")
     assert_allclose(at_back[24, 32], radius(metres(FRONT), metres(BACK), 28, 2), rtol=1e-4)
 
 
 def test_what_the_phone_focused_on_stays_sharp(portrait, defocus):
     write_photo(portrait / "portrait.jpg", focus=f'GFocus:FocalDistance="{metres(BACK)}"', FNumber=1.9)
-    found = defocus("--f-number", 1.8)
-    assert_allclose(found[2, 2], 0, atol=1e-3)
-    assert_allclose(found[24, 32], radius(metres(FRONT), metres(BACK), 26, 1.8), rtol=1e-3)
+    result = defocus("--f-number", 1.8)
+    assert_allclose(result[2, 2], 0, atol=1e-3)
+    assert_allclose(result[24, 32], radius(metres(FRONT), metres(BACK), 26, 1.8), rtol=1e-3)
 
 
 def test_a_map_without_unit_is_scaled_to_one_metre_for_the_nearest(portrait, defocus):
     """Relative disparity d of 0 to 1 stands for 1/d metres; 26 mm is what most phones have."""
     write_photo(portrait / "portrait.jpg", units="")
-    found = defocus("--f-number", 1.8)
+    result = defocus("--f-number", 1.8)
     front, back = (1 / (1 - stored / 255) for stored in (FRONT, BACK))
-    assert_allclose(found[2, 2], radius(back, front, 26, 1.8), rtol=1e-4)
+    assert_allclose(result[2, 2], radius(back, front, 26, 1.8), rtol=1e-4)
 
 
 def test_blur_takes_the_map_as_relative_disparity(defocus):
-    found = defocus("--blur", 9, "--focus", 1)
-    assert_allclose(found[[24, 2], [32, 2]], [0, -9], atol=1e-5)
+    result = defocus("--blur", 9, "--focus", 1)
+    assert_allclose(result[[24, 2], [32, 2]], [0, -9], atol=1e-5)
     assert_allclose(defocus("--blur", 9)[[24, 2], [32, 2]], [0, -9], atol=1e-5)
 
 

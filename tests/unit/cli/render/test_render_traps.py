@@ -1,4 +1,4 @@
-"""What would give a wrong picture without a word: each is right, says so in a line, or stops with one."""
+"""Inputs that could give a wrong picture silently: each is right, is reported in a line, or is refused."""
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ METRIC = [*CAMERA, "--focus-distance", "2", "--engine", "scatter", "--repair-dis
 
 def notes(outcome):
     assert (outcome.code, outcome.out) == (0, "")
-    *found, summary = outcome.err.splitlines()
+    *result, summary = outcome.err.splitlines()
     assert "note" not in summary
-    return [line.removeprefix("bokehnet: note: ") for line in found]
+    return [line.removeprefix("bokehnet: note: ") for line in result]
 
 
 def pull_apart(picture):
@@ -83,18 +83,18 @@ def test_a_png_and_an_exr_may_be_written_in_place(folder, cli):
 
 def test_a_constant_map_is_reported(folder, cli):
     write_image("flat.png", np.full((40, 64, 3), srgb_to_linear(np.float32(188 / 255))))
-    found = notes(cli("render", "photo.png", "--disparity", "flat.png", *RELATIVE, "-o", "out.png"))
-    assert found == ["the disparity map is 0.737255 everywhere: every pixel is blurred equally", *found[1:]]
-    assert "nothing is sharp: focus is at 0.4, disparity 0.737" in found[1]
+    result = notes(cli("render", "photo.png", "--disparity", "flat.png", *RELATIVE, "-o", "out.png"))
+    assert result == ["the disparity map is 0.737255 everywhere: every pixel is blurred equally", *result[1:]]
+    assert "nothing is sharp: focus is at 0.4, disparity 0.737" in result[1]
 
 
 def test_a_map_that_is_nearly_constant_is_reported(folder, cli, write_channels):
     values = np.full((40, 64), 0.5)
     values[:, 30:] = 0.5005
     write_channels(folder / "flat.exr", disparity=values)
-    found, *_ = notes(cli("render", "photo.png", "--disparity", "flat.exr", *RELATIVE, "-o", "out.png"))
-    assert found.startswith("the disparity map only ranges from 0.5 to 0.5005")
-    assert "--disparity-range sets" in found
+    result, *_ = notes(cli("render", "photo.png", "--disparity", "flat.exr", *RELATIVE, "-o", "out.png"))
+    assert result.startswith("the disparity map only ranges from 0.5 to 0.5005")
+    assert "--disparity-range sets" in result
     words = [*RELATIVE, "--disparity-range", "0,1", "-o", "out.png"]
     assert notes(cli("render", "photo.png", "--disparity", "flat.exr", *words)) == []
 
@@ -113,28 +113,28 @@ def test_depth_in_another_unit_is_reported(folder, cli, write_channels, factor, 
     metres = np.tile(np.linspace(1.5, 5, 300), (200, 1))
     write_channels(folder / "z.exr", Z=metres * factor)
     options = [*METRIC, "--depth-unit", unit, "-o", "out.png"]
-    found = [
+    results = [
         line
         for line in notes(cli("render", "large.png", "--depth", "z.exr", *options))
         if line and "%" not in line
     ]
-    expected = [] if words is None else [line for line in found if words in line]
-    assert found == expected
-    assert all("check --depth-unit" in line for line in found)
-    assert bool(found) == (words is not None)
+    expected = [] if words is None else [line for line in results if words in line]
+    assert results == expected
+    assert all("check --depth-unit" in line for line in results)
+    assert bool(results) == (words is not None)
 
 
 def test_a_camera_without_blur_is_reported(folder, cli, write_channels):
     write_channels(folder / "z.exr", Z=np.tile(np.linspace(900, 5000, 64), (40, 1)))
     words = [*CAMERA, "--focus-distance", "2000", "--engine", "scatter", "-o", "out.png"]
-    (found,) = notes(cli("render", "photo.png", "--depth", "z.exr", *words))
-    assert found.startswith("everything is sharp: focus is at 2000 m, depth 900 to 5000 m, ")
+    (result,) = notes(cli("render", "photo.png", "--depth", "z.exr", *words))
+    assert result.startswith("everything is sharp: focus is at 2000 m, depth 900 to 5000 m, ")
 
 
 def test_the_depth_of_an_exr_is_its_own(folder, cli):
-    asked = notes(cli("render", "camera.exr", "--depth", "camera.exr", *METRIC, "-o", "asked.exr"))
-    (found,) = notes(cli("render", "camera.exr", *METRIC, "-o", "own.exr"))
-    assert (asked, found) == (
+    requested = notes(cli("render", "camera.exr", "--depth", "camera.exr", *METRIC, "-o", "asked.exr"))
+    (result,) = notes(cli("render", "camera.exr", *METRIC, "-o", "own.exr"))
+    assert (requested, result) == (
         [],
         "camera.exr: using its channel Z as depth in metres; --depth overrides this",
     )
@@ -142,8 +142,8 @@ def test_the_depth_of_an_exr_is_its_own(folder, cli):
 
 
 def test_the_depth_of_an_exr_may_be_blurred_as_disparity(folder, cli):
-    (found,) = notes(cli("render", "camera.exr", *RELATIVE, "-o", "own.exr"))
-    assert found.startswith("camera.exr: using its channel Z as depth in metres")
+    (result,) = notes(cli("render", "camera.exr", *RELATIVE, "-o", "own.exr"))
+    assert result.startswith("camera.exr: using its channel Z as depth in metres")
 
 
 @pytest.mark.parametrize("name", ["ViewLayer.Depth.Z", "ViewLayer.Depth.V", "Depth.V", "ViewLayer.depth"])
@@ -152,8 +152,8 @@ def test_every_name_of_blender_s_depth_is_found(folder, cli, name):
     colours = {f"ViewLayer.Combined.{c}": ("half", picture[..., i]) for i, c in enumerate("RGB")}
     depth = np.tile(np.linspace(1, 5, 64), (40, 1))
     write_exr(folder / "a.exr", {"channels": {**colours, name: ("float", depth)}})
-    (found,) = notes(cli("render", "a.exr", *METRIC, "-o", "out.exr"))
-    assert found == f"a.exr: using its channel {name} as depth in metres; --depth overrides this"
+    (result,) = notes(cli("render", "a.exr", *METRIC, "-o", "out.exr"))
+    assert result == f"a.exr: using its channel {name} as depth in metres; --depth overrides this"
     assert notes(cli("render", "a.exr", "--depth", "a.exr", *METRIC, "-o", "out.exr")) == []
 
 
@@ -164,10 +164,14 @@ def test_of_several_view_layers_the_choice_is_named_and_depth_is_of_the_same(fol
         channels[f"{layer}.Depth.Z"] = ("float", np.linspace(1, 4, 96).reshape(8, 12) + 8 * value)
     write_exr(folder / "a.exr", {"channels": channels})
     words = [*CAMERA, "--focus-distance", "6", "--engine", "scatter", "-o", "out.png"]
-    found = notes(cli("render", "a.exr", *words))
-    taken = "Far" if np.allclose(read_image("out.png"), 0.5, atol=0.01) else "Near"
-    assert found[0] == f"a.exr: of the layers Far.Combined, Near.Combined only {taken}.Combined is rendered"
-    assert found[1] == f"a.exr: using its channel {taken}.Depth.Z as depth in metres; --depth overrides this"
+    result = notes(cli("render", "a.exr", *words))
+    selected = "Far" if np.allclose(read_image("out.png"), 0.5, atol=0.01) else "Near"
+    assert (
+        result[0] == f"a.exr: of the layers Far.Combined, Near.Combined only {selected}.Combined is rendered"
+    )
+    assert (
+        result[1] == f"a.exr: using its channel {selected}.Depth.Z as depth in metres; --depth overrides this"
+    )
 
 
 def test_of_a_stereo_pair_the_view_that_is_rendered_is_named(folder, cli):

@@ -1,4 +1,4 @@
-"""What ``bokehnet render`` says when it is done: a line, nothing, more, or JSON."""
+"""Summary of ``bokehnet render``: a line, nothing, more, or JSON."""
 
 import json
 import re
@@ -20,11 +20,11 @@ def test_one_line_names_size_engine_focus_blur_repair_and_time(folder, cli):
     """Authority: the largest |blur * (disparity - focus)| is 6 * (1 - 0.4) = 3.6 pixels."""
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off")
     assert (outcome.code, outcome.out) == (0, "")
-    told = (
+    message = (
         r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, "
         r"map unchanged, \d+\.\d s; assumed: bright is near\n"
     )
-    assert re.fullmatch(told, outcome.err)
+    assert re.fullmatch(message, outcome.err)
 
 
 def test_the_repair_is_reported_with_its_reason(folder, cli):
@@ -54,13 +54,13 @@ def test_verbose_adds_what_each_step_took(folder, cli):
 def test_json_is_one_object_on_stdout(folder, cli):
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off", "--json")
     assert (outcome.code, outcome.err) == (0, "")
-    found = json.loads(outcome.out)
-    seconds = found.pop("seconds")
+    summary = json.loads(outcome.out)
+    seconds = summary.pop("seconds")
     assert set(seconds) == {"read", "prepare", "render", "write"}
     assert min(seconds.values()) >= 0
-    assert found.pop("largest_blur_px") == pytest.approx(3.6)
-    assert found.pop("focus_disparity") == pytest.approx(0.4)
-    assert found == {
+    assert summary.pop("largest_blur_px") == pytest.approx(3.6)
+    assert summary.pop("focus_disparity") == pytest.approx(0.4)
+    assert summary == {
         "output": "out.png",
         "width": 64,
         "height": 40,
@@ -79,12 +79,22 @@ def test_json_is_one_object_on_stdout(folder, cli):
 
 def test_the_pixel_filter_is_reported_for_unmixed_pixels(folder, cli):
     rays = ("render", "photo.png", "--disparity", "disparity.png", "--engine", "rays", "--blur", 6)
-    asked = (*rays, "--focus", 0.4, "-o", "out.png", "--repair-disparity", "off", "--pixel-filter", "arnold")
-    outcome = cli(*asked, "-v")
+    requested = (
+        *rays,
+        "--focus",
+        0.4,
+        "-o",
+        "out.png",
+        "--repair-disparity",
+        "off",
+        "--pixel-filter",
+        "arnold",
+    )
+    outcome = cli(*requested, "-v")
     assert outcome.err.splitlines()[1].count("pixel filter gaussian:2 (as set)") == 1
-    found = json.loads(cli(*asked, "--json").out)
-    assert (found["pixel_filter"], found["pixel_filter_reason"]) == ("gaussian:2", "as set")
-    assert found["pixel_filter_confidence"] is None
+    summary = json.loads(cli(*requested, "--json").out)
+    assert (summary["pixel_filter"], summary["pixel_filter_reason"]) == ("gaussian:2", "as set")
+    assert summary["pixel_filter_confidence"] is None
 
 
 def test_quiet_and_verbose_contradict_each_other(fails):
@@ -97,9 +107,9 @@ def test_json_of_a_sequence_lists_every_frame(folder, cli, jobs):
     words = ("--focus", 0.4, "--frames", "1-3", "--jobs", jobs, "--json")
     outcome = cli(*SEQUENCE, *words)
     assert (outcome.code, outcome.err) == (0, "")
-    found = json.loads(outcome.out)
-    assert (set(found["frames"]), found["there"], found["failed"]) == ({"1", "3"}, 1, {})
-    assert found["frames"]["3"]["output"] == "out.03.png"
+    summary = json.loads(outcome.out)
+    assert (set(summary["frames"]), summary["there"], summary["failed"]) == ({"1", "3"}, 1, {})
+    assert summary["frames"]["3"]["output"] == "out.03.png"
 
 
 def test_json_of_a_sequence_lists_failures(folder, cli):
@@ -107,9 +117,9 @@ def test_json_of_a_sequence_lists_failures(folder, cli):
     words = ("--focus", 0.4, "--frames", "1-2", "--json")
     outcome = cli("render", "photo.##.png", *SEQUENCE[2:], *words)
     assert outcome.code == 1
-    found = json.loads(outcome.out)
-    assert set(found["frames"]) == {"1"}
-    assert "photo.02.png" in found["failed"]["2"]
+    summary = json.loads(outcome.out)
+    assert set(summary["frames"]) == {"1"}
+    assert "photo.02.png" in summary["failed"]["2"]
 
 
 def test_verbose_lists_every_frame_of_a_sequence(folder, cli):

@@ -38,10 +38,10 @@ def test_the_picture_is_the_same(folder, cli):
     from bokehnet.io.image import read_image
     from bokehnet.scene.scene import read_scene
 
-    told = {"camera": {"blur": 6}, "focus": {"value": 0.4}, "aperture": {"blades": 6}}
-    settings = RenderSettings().updated({"input": {"disparity": "disparity.png"}, **told})
-    wanted = BokehRenderer().render(read_scene("photo.png", settings), settings).bokeh.astype(np.float16)
-    np.testing.assert_array_equal(read_image("out.exr"), wanted)
+    reports = {"camera": {"blur": 6}, "focus": {"value": 0.4}, "aperture": {"blades": 6}}
+    settings = RenderSettings().updated({"input": {"disparity": "disparity.png"}, **reports})
+    expected = BokehRenderer().render(read_scene("photo.png", settings), settings).bokeh.astype(np.float16)
+    np.testing.assert_array_equal(read_image("out.exr"), expected)
 
 
 def test_a_mistake_is_reported_once(capfd):

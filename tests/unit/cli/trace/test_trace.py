@@ -8,8 +8,8 @@ from bokehnet.io.maps import read_depth
 def test_one_file_holds_all_outputs(cli, scene, tmp_path):
     outcome = cli("trace", scene, "-o", tmp_path / "out.exr")
     assert (outcome.code, outcome.err) == (0, "")
-    found = read_channels(tmp_path / "out.exr")
-    assert set(found.channels) == {
+    channels = read_channels(tmp_path / "out.exr")
+    assert set(channels.channels) == {
         *"RGBZ",
         *(f"all_in_focus.{name}" for name in "RGB"),
         *(f"normal.{name}" for name in "XYZ"),
@@ -17,14 +17,14 @@ def test_one_file_holds_all_outputs(cli, scene, tmp_path):
         "id",
         "coverage",
     }
-    assert found.attributes["bokehnet:samples"] == "8"
-    assert found.attributes["bokehnet:bodies"] == '["floor", "ball"]'
+    assert channels.attributes["bokehnet:samples"] == "8"
+    assert channels.attributes["bokehnet:bodies"] == '["floor", "ball"]'
     assert read_depth(tmp_path / "out.exr")[8, 12] == pytest.approx(1100, rel=0.01)
-    assert found.channels["id"][8, 12] == 2
-    assert found.channels["id"][0, 0] == 0
-    assert found.channels["disparity"][8, 12] == pytest.approx(1 / 1.1, rel=0.01)
-    assert found.channels["normal.Z"][8, 12] < -0.95
-    assert found.channels["R"].shape == (16, 24)
+    assert channels.channels["id"][8, 12] == 2
+    assert channels.channels["id"][0, 0] == 0
+    assert channels.channels["disparity"][8, 12] == pytest.approx(1 / 1.1, rel=0.01)
+    assert channels.channels["normal.Z"][8, 12] < -0.95
+    assert channels.channels["R"].shape == (16, 24)
 
 
 def test_more_samples_go_on_from_those_in_the_file(cli, scene, tmp_path):

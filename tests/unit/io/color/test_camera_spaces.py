@@ -43,17 +43,17 @@ def test_encoding_inverts_decoding(name):
     np.testing.assert_allclose(space.decode(space.encode(light)), light, rtol=2e-3, atol=1e-6)
 
 
-@pytest.mark.parametrize(("name", "theirs"), BUILT_IN.items())
-def test_light_and_primaries_agree_with_opencolorio(name, theirs):
+@pytest.mark.parametrize(("name", "reference"), BUILT_IN.items())
+def test_light_and_primaries_agree_with_opencolorio(name, reference):
     """Authority: OpenColorIO's studio configuration, which adapts the white by CAT02, not Bradford."""
     config = oiio.ColorConfig("ocio://studio-config-latest")
-    if theirs not in config.getColorSpaceNames():
-        pytest.skip(f"OpenImageIO {oiio.__version__} has no OpenColorIO with {theirs}")
+    if reference not in config.getColorSpaceNames():
+        pytest.skip(f"OpenImageIO {oiio.__version__} has no OpenColorIO with {reference}")
     stored = np.random.default_rng(0).uniform(0.1, 0.75, (16, 16, 3)).astype(np.float32)
     buffer = oiio.ImageBuf(oiio.ImageSpec(16, 16, 3, "float"))
     buffer.set_pixels(oiio.ROI(), stored)
     expected = oiio.ImageBufAlgo.colorconvert(
-        buffer, theirs, "ACES2065-1", colorconfig="ocio://studio-config-latest"
+        buffer, reference, "ACES2065-1", colorconfig="ocio://studio-config-latest"
     ).get_pixels(oiio.FLOAT)
     space = INPUT_COLOR_SPACES[name]
     light = convert(space.decode(stored), space, INPUT_COLOR_SPACES["aces2065-1"])

@@ -34,17 +34,17 @@ def photo():
 
 def lab(stored, profile):
     """CIE Lab of 8-bit values, as LittleCMS shows them."""
-    given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    original = ImageCms.ImageCmsProfile(io.BytesIO(profile))
     transform = ImageCms.buildTransform(
-        given,
+        original,
         ImageCms.createProfile("LAB"),
         "RGB",
         "LAB",
         ImageCms.Intent.RELATIVE_COLORIMETRIC,
         ImageCms.Flags.NOOPTIMIZE,
     )
-    found = np.asarray(ImageCms.applyTransform(Image.fromarray(stored), transform))
-    return np.dstack([found[..., 0] * (100 / 255), found[..., 1:].view(np.int8)]).astype(float)
+    result = np.asarray(ImageCms.applyTransform(Image.fromarray(stored), transform))
+    return np.dstack([result[..., 0] * (100 / 255), result[..., 1:].view(np.int8)]).astype(float)
 
 
 def difference(first, first_profile, second, second_profile):
@@ -115,20 +115,23 @@ def test_sixteen_bits_stay_sixteen(tmp_path, store, extension):
     assert read_frame(tmp_path / "out.jpg").bits == 8
 
 
-@pytest.mark.parametrize("wanted", ["srgb", "display-p3", "adobe-rgb", "prophoto"])
-def test_other_colour_spaces_look_the_same(tmp_path, photo, wanted):
+@pytest.mark.parametrize("expected", ["srgb", "display-p3", "adobe-rgb", "prophoto"])
+def test_other_colour_spaces_look_the_same(tmp_path, photo, expected):
     """From Adobe RGB colours: out of gamut they differ, so these stay near grey."""
     muted = (128 + 0.4 * (photo.astype(float) - 128)).astype(np.uint8)
     profile = profiles.KNOWN["adobe"]
     Image.fromarray(muted).save(tmp_path / "in.png", icc_profile=profile)
     frame = read_frame(tmp_path / "in.png")
     write_frame(
-        tmp_path / "out.png", frame, frame.image, output_format=OutputFormat(color_space=wanted, dither=False)
+        tmp_path / "out.png",
+        frame,
+        frame.image,
+        output_format=OutputFormat(color_space=expected, dither=False),
     )
     written = Image.open(tmp_path / "out.png")
-    found = difference(muted, profile, np.asarray(written), written.info["icc_profile"])
-    assert found.mean() <= 0.5
-    assert read_frame(tmp_path / "out.png").space.name == COLOR_SPACES[wanted].name
+    result = difference(muted, profile, np.asarray(written), written.info["icc_profile"])
+    assert result.mean() <= 0.5
+    assert read_frame(tmp_path / "out.png").space.name == COLOR_SPACES[expected].name
 
 
 def test_read_image_gives_rec709_light(tmp_path, photo):
@@ -202,7 +205,7 @@ def test_unknown_code_points_are_reported(tmp_path):
     ],
 )
 def test_the_gamma_of_a_png_counts(tmp_path, chunks, exponent):
-    """W3C PNG third edition, 11.3.2.2: gAMA tells the exponent from light to samples; sRGB prevails."""
+    """W3C PNG third edition, 11.3.2.2: gAMA is the exponent from light to samples; sRGB overrides it."""
     write_png(tmp_path / "a.png", (1, 1, 3), np.uint8, lambda rows: np.full((1, 1, 3), 128), chunks)
     light = read_image(tmp_path / "a.png")[0, 0, 0]
     assert_allclose(light, 0.21586 if exponent is None else (128 / 255) ** exponent, rtol=1e-3)
@@ -237,9 +240,9 @@ def test_exr_of_a_p3_photograph_names_its_primaries(tmp_path, photo):
     frame = read_frame(tmp_path / "in.png")
     write_frame(tmp_path / "out.exr", frame, frame.image)
     file = oiio.ImageInput.open(str(tmp_path / "out.exr"))
-    told = file.spec().getattribute("chromaticities")
+    value = file.spec().getattribute("chromaticities")
     file.close()
-    assert_allclose(told, [0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290], atol=5e-4)
+    assert_allclose(value, [0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290], atol=5e-4)
     assert_allclose(read_frame(tmp_path / "out.exr").image, frame.image, rtol=1e-3, atol=1e-6)
     colors = read_image(tmp_path / "in.png")
     assert_allclose(read_image(tmp_path / "out.exr"), colors, rtol=1e-3, atol=2e-3)
@@ -260,8 +263,8 @@ def test_floating_point_tiff_is_linear_and_keeps_light_above_white(tmp_path):
 
 
 @pytest.mark.parametrize("bits", [8, 16, "half", "float"])
-@pytest.mark.parametrize("wanted", ["srgb", "display-p3"])
-def test_jpeg_xl_where_it_is_there(tmp_path, bits, wanted):
+@pytest.mark.parametrize("expected", ["srgb", "display-p3"])
+def test_jpeg_xl_where_it_is_there(tmp_path, bits, expected):
     if "jpegxl" not in oiio.get_string_attribute("format_list"):
         with pytest.raises(ImageFileError, match="JPEG XL is not written by the installed OpenImageIO"):
             write_image(tmp_path / "a.jxl", np.zeros((4, 4, 3)))
@@ -272,7 +275,7 @@ def test_jpeg_xl_where_it_is_there(tmp_path, bits, wanted):
         image,
         alpha=image[..., 0],
         bits=bits,
-        color_space=wanted,
+        color_space=expected,
         quality=100,
         dither=False,
     )
@@ -299,14 +302,14 @@ def test_what_a_format_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
             write_image(tmp_path / name, image)
     write_image(tmp_path / "a.exr", image)
     frame = read_frame(tmp_path / "a.exr")
-    for wanted in (OutputFormat(bits="float"), OutputFormat(color_space="srgb")):
+    for expected in (OutputFormat(bits="float"), OutputFormat(color_space="srgb")):
         with pytest.raises(ParameterError, match="EXR from EXR, which keeps its own"):
-            write_frame(tmp_path / "b.exr", frame, frame.image, output_format=wanted)
+            write_frame(tmp_path / "b.exr", frame, frame.image, output_format=expected)
 
 
 def test_subsampling_is_that_of_the_file(tmp_path, photo):
-    for wanted, expected in (("4:4:4", (1, 1)), ("4:2:2", (2, 1)), ("4:2:0", (2, 2))):
-        write_image(tmp_path / "a.jpg", photo / 255.0, subsampling=wanted)
+    for target, expected in (("4:4:4", (1, 1)), ("4:2:2", (2, 1)), ("4:2:0", (2, 2))):
+        write_image(tmp_path / "a.jpg", photo / 255.0, subsampling=target)
         layer = Image.open(tmp_path / "a.jpg").layer[0]
         assert layer[1:3] == expected
 

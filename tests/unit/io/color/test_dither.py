@@ -17,9 +17,9 @@ def test_levels_stay_where_they_are():
 def test_the_mean_of_a_few_pixels_is_the_value(share):
     """Between two levels: 8x8 pixels tell an eighth of a level and less."""
     flat = np.full((64, 64, 3), (100 + share) / 255)
-    found = quantise(flat, 8, top=0).astype(float)
-    assert set(np.unique(found)) == {100.0, 101.0}
-    means = found.reshape(8, 8, 8, 8, 3).mean(axis=(1, 3)) - 100
+    result = quantise(flat, 8, top=0).astype(float)
+    assert set(np.unique(result)) == {100.0, 101.0}
+    means = result.reshape(8, 8, 8, 8, 3).mean(axis=(1, 3)) - 100
     assert np.abs(means - share).max() < 1 / 16
     assert abs(means.mean() - share) < 0.005
 
@@ -36,10 +36,10 @@ def test_a_slope_shows_no_bands():
 
 
 def test_grey_stays_grey():
-    """Maps are told from colour pictures by it."""
+    """It distinguishes maps from colour pictures."""
     grey = np.repeat(np.random.default_rng(0).random((20, 30, 1)), 3, axis=2)
-    found = quantise(grey, 8, top=3)
-    assert_array_equal(found, np.repeat(found[..., :1], 3, axis=2))
+    result = quantise(grey, 8, top=3)
+    assert_array_equal(result, np.repeat(result[..., :1], 3, axis=2))
 
 
 def test_strips_are_cut_from_one_picture():

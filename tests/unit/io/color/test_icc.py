@@ -21,9 +21,9 @@ def shown_by_littlecms(profile, stored):
     ImageCms = pytest.importorskip("PIL.ImageCms", reason="converts with LittleCMS")  # noqa: N806
 
     srgb = ImageCms.createProfile("sRGB")
-    given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    original = ImageCms.ImageCmsProfile(io.BytesIO(profile))
     transform = ImageCms.buildTransform(
-        given, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.NOOPTIMIZE
+        original, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.NOOPTIMIZE
     )
     picture = ImageCms.applyTransform(Image.fromarray(stored[None]), transform)
     return np.asarray(picture)[0].astype(float)

@@ -45,9 +45,9 @@ def test_rec2020_is_the_inverse_of_its_camera_curve():
 def test_rec2020_reaches_rec709_by_the_matrix_of_its_report():
     """ITU-R BT.2087-0, 2015, the inverse of its M2."""
     wide = COLOR_SPACES["rec2020"]
-    got = convert(np.eye(3, dtype=np.float32)[None], SRGB, wide)[0].T
+    result = convert(np.eye(3, dtype=np.float32)[None], SRGB, wide)[0].T
     matrix = [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]]
-    assert_allclose(got, matrix, atol=2e-4)
+    assert_allclose(result, matrix, atol=2e-4)
 
 
 def test_code_points_of_srgb_are_srgb():

@@ -62,8 +62,8 @@ def test_pillow_reads_what_is_written(tmp_path):
 def test_colour_is_written_as_requested(tmp_path):
     write_image(tmp_path / "a.pfm", COLOUR)
     assert (tmp_path / "a.pfm").read_bytes() == by_hand("PF", COLOUR, -1.0)
-    found = image_info(tmp_path / "a.pfm")
-    assert (found.file_format, found.color_space, found.pixel_type) == ("pfm", "linear", "float")
+    info = image_info(tmp_path / "a.pfm")
+    assert (info.file_format, info.color_space, info.pixel_type) == ("pfm", "linear", "float")
 
 
 @pytest.mark.parametrize(

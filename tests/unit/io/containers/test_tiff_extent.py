@@ -1,4 +1,4 @@
-"""Where TIFF files end: as Pillow and OpenImageIO write them, classic and big, in strips and tiles."""
+"""Ends of TIFF files: as Pillow and OpenImageIO write them, classic and big, in strips and tiles."""
 
 import struct
 

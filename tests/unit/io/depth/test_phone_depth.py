@@ -52,27 +52,27 @@ def test_gdepth_with_units_gives_inverse_millimetres(save, form, units, scale):
     photo = files.gdepth_photo(
         stored(DEPTH, form), near=NEAR * scale, far=FAR * scale, units=units, form=form, focus=1.5 * scale
     )
-    found = read_phone_depth(save(photo))
-    assert found.metric
-    assert_allclose(found.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
-    assert found.focus_distance == pytest.approx(1500)
-    assert found.all_in_focus is None
+    depth = read_phone_depth(save(photo))
+    assert depth.metric
+    assert_allclose(depth.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
+    assert depth.focus_distance == pytest.approx(1500)
+    assert depth.all_in_focus is None
 
 
 def test_gdepth_without_units_is_relative_and_near_is_large(save):
     """Photos of Lens Blur: near 11.9 and far 51.4 of an unknown unit, in focus at 18.5."""
-    found = read_phone_depth(save(files.gdepth_photo(PNG, near=11.851094, far=51.396980, focus=18.49026)))
-    assert not found.metric
-    assert found.focus_distance is None
-    assert_allclose(found.disparity, 1 - MAP / 255, atol=1e-6)
+    depth = read_phone_depth(save(files.gdepth_photo(PNG, near=11.851094, far=51.396980, focus=18.49026)))
+    assert not depth.metric
+    assert depth.focus_distance is None
+    assert_allclose(depth.disparity, 1 - MAP / 255, atol=1e-6)
     inverse = 1 / np.array([18.49026, 51.396980, 11.851094])
-    assert found.focus_disparity == pytest.approx((inverse[0] - inverse[1]) / (inverse[2] - inverse[1]))
+    assert depth.focus_disparity == pytest.approx((inverse[0] - inverse[1]) / (inverse[2] - inverse[1]))
 
 
 def test_relative_linear_depth_becomes_disparity_between_its_ends(save):
-    found = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=4, form="RangeLinear")))
+    result = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=4, form="RangeLinear")))
     depth = 1 + 3 * (MAP / 255)
-    assert_allclose(found.disparity, (1 / depth - 0.25) / 0.75, atol=1e-6)
+    assert_allclose(result.disparity, (1 / depth - 0.25) / 0.75, atol=1e-6)
 
 
 def test_gdepth_in_pieces_of_an_extended_packet_in_any_order(save):
@@ -110,10 +110,10 @@ def test_dynamic_depth_with_its_map_behind_the_picture(save):
     ]
     xmp = files.packet(files.directory(items) + files.cameras(NEAR, FAR))
     photo = dynamic_photo(depth, [files.STANDARD + xmp], bytes(5), b"seven77", bytes(3), b"trailer")
-    found = read_phone_depth(save(photo))
-    assert found.metric
-    assert found.focus_disparity is None
-    assert_allclose(found.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
+    result = read_phone_depth(save(photo))
+    assert result.metric
+    assert result.focus_disparity is None
+    assert_allclose(result.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
 
 
 def test_dynamic_depth_of_newer_phones_with_the_unblurred_picture(save):
@@ -130,9 +130,9 @@ def test_dynamic_depth_of_newer_phones_with_the_unblurred_picture(save):
     note = f'<rdf:Description {files.NOTE} xmpNote:HasExtendedXMP="{guid}"/>'
     xmp = files.packet(files.directory(items, prefix="1.0/") + note)
     photo = dynamic_photo(depth, [files.STANDARD + xmp, *pieces], original, b"abcd")
-    found = read_phone_depth(save(photo))
-    assert_allclose(found.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
-    assert_allclose(found.all_in_focus, np.full((24, 32, 3), srgb_to_linear(200 / 255)), atol=0.01)
+    result = read_phone_depth(save(photo))
+    assert_allclose(result.disparity, 1 / DEPTH, rtol=2e-4, atol=TOLERANCE / 400)
+    assert_allclose(result.all_in_focus, np.full((24, 32, 3), srgb_to_linear(200 / 255)), atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -146,15 +146,15 @@ def test_dynamic_depth_of_newer_phones_with_the_unblurred_picture(save):
 def test_dynamic_depth_in_dioptres_and_without_unit(save, units, form, expected):
     items = [{"Length": 0}, {"Length": len(PNG), "DataURI": "android/depthmap"}]
     xmp = files.packet(files.directory(items) + files.cameras(4, 0.5, units, form))
-    found = read_phone_depth(save(dynamic_photo(PNG, [files.STANDARD + xmp])))
-    assert found.metric == (units != "None")
-    assert_allclose(found.disparity, expected(MAP / 255), rtol=1e-5)
+    depth = read_phone_depth(save(dynamic_photo(PNG, [files.STANDARD + xmp])))
+    assert depth.metric == (units != "None")
+    assert_allclose(depth.disparity, expected(MAP / 255), rtol=1e-5)
 
 
 def test_lens_blur_keeps_the_unblurred_picture(save):
     original = files.photo(np.full((24, 32, 3), 60, np.uint8))
-    found = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=2, original=original)))
-    assert_allclose(found.all_in_focus, np.full((24, 32, 3), srgb_to_linear(60 / 255)), atol=0.01)
+    depth = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=2, original=original)))
+    assert_allclose(depth.all_in_focus, np.full((24, 32, 3), srgb_to_linear(60 / 255)), atol=0.01)
 
 
 @pytest.mark.parametrize("orientation", [1, 2, 3, 4, 5, 6, 7, 8])
@@ -168,10 +168,10 @@ def test_the_map_is_turned_as_the_photo(save, orientation):
     colour[:8, :8] = 255
     jpeg = files.photo(colour, orientation)
     path = save(files.gdepth_photo(files.encode(grey, "PNG"), near=1, far=2, jpeg=jpeg, original=jpeg))
-    found = read_phone_depth(path)
+    depth = read_phone_depth(path)
     blocks = read_image(path)[4::8, 4::8, 0]
-    assert_array_equal(found.disparity < 0.5, blocks > 0.5)
-    assert_array_equal(found.all_in_focus, read_image(path))
+    assert_array_equal(depth.disparity < 0.5, blocks > 0.5)
+    assert_array_equal(depth.all_in_focus, read_image(path))
 
 
 @pytest.mark.parametrize(("accuracy", "metric"), [("absolute", True), ("relative", False)])
@@ -180,17 +180,17 @@ def test_apple_jpeg_has_its_disparity_in_a_second_picture(save, accuracy, metric
     grey = files.encode(np.full((16, 16), 51, np.uint8), "JPEG", quality=100)
     matte = files.with_segments(files.photo(), files.STANDARD + files.apple_xmp(0, 1, "portraiteffectsmatte"))
     second = files.with_segments(grey, files.STANDARD + files.apple_xmp(0.5, 3, accuracy=accuracy))
-    found = read_phone_depth(save(files.photo() + bytes(2) + matte + second))
-    assert found.metric is metric
+    depth = read_phone_depth(save(files.photo() + bytes(2) + matte + second))
+    assert depth.metric is metric
     expected = (0.5 + 2.5 * 0.2) / 1000 if metric else 0.2
-    assert_allclose(found.disparity, np.full((16, 16), expected), rtol=0.02)
+    assert_allclose(depth.disparity, np.full((16, 16), expected), rtol=0.02)
 
 
 def test_apple_depth_is_inverted(save):
     grey = files.encode(np.full((16, 16), 51, np.uint8), "JPEG", quality=100)
     second = files.with_segments(grey, files.STANDARD + files.apple_xmp(1, 6, "depth", "absolute"))
-    found = read_phone_depth(save(files.photo() + second))
-    assert_allclose(found.disparity, np.full((16, 16), 1 / 2000), rtol=0.02)
+    depth = read_phone_depth(save(files.photo() + second))
+    assert_allclose(depth.disparity, np.full((16, 16), 1 / 2000), rtol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -278,10 +278,10 @@ def test_damage_is_reported_in_one_line_that_names_the_photo(save, content, word
     path = save(content)
     with pytest.raises(ImageFileError, match=words) as caught:
         read_phone_depth(path)
-    told = str(caught.value)
-    assert told.startswith(str(path))
-    assert "\n" not in told
-    assert "embedded" not in told  # the temporary file is nobody's business
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert "embedded" not in message  # the temporary file is nobody's business
 
 
 def test_a_map_of_a_huge_declared_size_is_refused_before_it_is_decoded(save):
@@ -302,14 +302,14 @@ def test_a_missing_file_is_reported(tmp_path, name):
 
 def test_any_cut_of_a_photo_gives_a_map_or_a_clean_error(save):
     whole = container(Length=len(PNG))
-    told = set()
+    result = set()
     for length in range(1, len(whole), 37):
         try:
             read_phone_depth(save(whole[:length]))
         except ImageFileError as error:
-            told.add(str(error))
-    assert any("end of the file" in text for text in told)
-    assert not any("\n" in text for text in told)
+            result.add(str(error))
+    assert any("end of the file" in text for text in result)
+    assert not any("\n" in text for text in result)
 
 
 def mutated(content, rng):
@@ -334,18 +334,18 @@ def test_damaged_bytes_give_a_map_or_a_clean_error(save):
         files.photo() + files.with_segments(files.photo(), files.STANDARD + files.apple_xmp(0.5, 3)),
     ]
     rng = np.random.default_rng(0)
-    maps, told = 0, set()
+    maps, result = 0, set()
     for index in range(600):
         try:
-            found = read_phone_depth(save(mutated(seeds[index % len(seeds)], rng)))
+            depth = read_phone_depth(save(mutated(seeds[index % len(seeds)], rng)))
         except ImageFileError as error:
-            told.add(str(error))
+            result.add(str(error))
         else:
-            maps += found is not None
-            assert found is None or np.isfinite(found.disparity).all()
+            maps += depth is not None
+            assert depth is None or np.isfinite(depth.disparity).all()
     assert maps > 20
-    assert len(told) > 20
-    assert not any("\n" in text for text in told)
+    assert len(result) > 20
+    assert not any("\n" in text for text in result)
 
 
 PICTURE = np.full((48, 64, 3), (200, 100, 50), np.uint8)
@@ -369,9 +369,9 @@ def heic():
 )
 def test_heic_disparity_is_near_bright(save, heic, xmp, metric, low, high):
     matte = files.apple_xmp(0, 1, "urn:com:apple:photo:2020:aux:hdrgainmap")
-    found = read_phone_depth(save(heic(PICTURE, GREY, xmp=matte + xmp), "a.heic"))
-    assert found.metric is metric
-    assert_allclose(found.disparity, low + (high - low) * GREY / 255, rtol=1e-5, atol=1e-9)
+    depth = read_phone_depth(save(heic(PICTURE, GREY, xmp=matte + xmp), "a.heic"))
+    assert depth.metric is metric
+    assert_allclose(depth.disparity, low + (high - low) * GREY / 255, rtol=1e-5, atol=1e-9)
 
 
 def test_an_hdr_gain_map_is_no_depth(save, heic):
@@ -425,11 +425,11 @@ def test_the_original_comes_in_the_primaries_of_its_photo(save, own):
     original = files.encode(
         red, "JPEG", quality=95, **({"icc_profile": profiles.KNOWN["adobe"]} if own else {})
     )
-    found = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=2, jpeg=jpeg, original=original)))
+    depth = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=2, jpeg=jpeg, original=original)))
     space = read_profile(profiles.KNOWN["adobe"] if own else p3, "")
     light = space.decode(np.broadcast_to(red / np.float32(255), red.shape))
-    wanted = convert(light, space, read_profile(p3, ""))
-    assert_allclose(found.all_in_focus, wanted, atol=0.015)
+    expected = convert(light, space, read_profile(p3, ""))
+    assert_allclose(depth.all_in_focus, expected, atol=0.015)
 
 
 def test_a_damaged_heic_is_reported(save, heic):

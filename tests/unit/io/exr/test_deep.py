@@ -36,9 +36,9 @@ def test_samples_come_as_they_were_written(tmp_path, tile, compression):
     pixels = deep_samples()
     path = write_deep(tmp_path / "a.exr", pixels, tile=tile, compression=compression, x=-3, y=5)
     with ImageFile(path) as file:
-        found = file.read_deep(file.parts[0], ["R", "G", "B"])
-    assert_array_equal(found.counts, [[len(samples) for samples in row] for row in pixels])
-    for name, values in found.values.items():
+        result = file.read_deep(file.parts[0], ["R", "G", "B"])
+    assert_array_equal(result.counts, [[len(samples) for samples in row] for row in pixels])
+    for name, values in result.values.items():
         written = [sample[name] for samples in chain.from_iterable(pixels) for sample in samples]
         assert_array_equal(values, written)
 
@@ -74,8 +74,8 @@ def test_volumes_give_the_light_of_the_transfer_integral(seed):
     optical = np.cumsum(density.sum(0)) * step
     through = np.exp(-(optical - density.sum(0) * step / 2))
     light = ((colour / cover)[:, None] * density * through).sum() * step
-    found = shown(one_pixel(*zip(near, far, cover, colour, strict=True)))
-    assert_allclose(found[:2], (light, 1 - np.prod(1 - cover)), rtol=1e-3)
+    result = shown(one_pixel(*zip(near, far, cover, colour, strict=True)))
+    assert_allclose(result[:2], (light, 1 - np.prod(1 - cover)), rtol=1e-3)
 
 
 def test_a_volume_cut_in_two_shows_what_it_showed():

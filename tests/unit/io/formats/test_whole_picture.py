@@ -50,7 +50,7 @@ def photo(tmp_path, slope):
 
 
 def decoded(path):
-    """Levels from 0 to 1, as stored, and what the file tells, by a reader that is not ours."""
+    """Levels from 0 to 1, as stored, and the file's metadata, by a reader that is not ours."""
     if path.suffix == ".avif":
         with Image.open(path) as picture:
             return np.asarray(picture) / 255, picture.info
@@ -67,8 +67,8 @@ def test_profile_and_metadata_go_along(photo, extension):
     write_frame(path, frame, frame.image)
     values, info = decoded(path)
     with Image.open(photo) as original:
-        given = np.asarray(original) / 255
-        upright = np.rot90(given, -1)  # orientation 6
+        inputs = np.asarray(original) / 255
+        upright = np.rot90(inputs, -1)  # orientation 6
     assert_allclose(values, upright, atol=0.02)
     assert info["icc_profile"] == profiles.KNOWN["p3"]
     directory, _ = read_directory(info["exif"].removeprefix(b"Exif\0\0"))
@@ -147,11 +147,11 @@ def test_jpeg_xl_carries_exif_and_xmp(photo):
 
 
 def test_bare_pixels_get_boxes_around_them(tmp_path):
-    made = jxl_with(b"\xff\x0apixels", exif=b"II*\0", xmp=b"<x/>")
-    (tmp_path / "a.jxl").write_bytes(made)
+    result = jxl_with(b"\xff\x0apixels", exif=b"II*\0", xmp=b"<x/>")
+    (tmp_path / "a.jxl").write_bytes(result)
     assert jxl_boxes(tmp_path / "a.jxl") == {b"Exif": b"II*\0", b"xml ": b"<x/>"}
-    assert made.endswith(b"\0\0\0\x10jxlc\xff\x0apixels")
-    (tmp_path / "cut.jxl").write_bytes(made[:40])
+    assert result.endswith(b"\0\0\0\x10jxlc\xff\x0apixels")
+    (tmp_path / "cut.jxl").write_bytes(result[:40])
     assert jxl_boxes(tmp_path / "cut.jxl") == {}
 
 

@@ -43,10 +43,10 @@ def valid_files(folder):
     levels = Image.fromarray((255 * image).astype(np.uint8))
     about = {"exif": b"Exif\0\0" + exif(), "icc_profile": profiles.SCANNER}
     for extension in ("png", "jpg", "webp"):
-        told = about if extension == "png" else about | {"xmp": packet()}
-        levels.save(folder / f"told.{extension}", **told)
-        frame = read_frame(folder / f"told.{extension}")
-    write_frame(folder / "told.tif", frame, frame.image)
+        message = about if extension == "png" else about | {"xmp": packet()}
+        levels.save(folder / f"file.{extension}", **message)
+        frame = read_frame(folder / f"file.{extension}")
+    write_frame(folder / "file.tif", frame, frame.image)
     for number, compression in enumerate(("none", "rle", "zips", "piz", "pxr24", "b44", "dwaa", "dwab")):
         spec = oiio.ImageSpec(32, 24, 5, "half")
         spec.channelnames = ("R", "G", "B", "A", "Z")

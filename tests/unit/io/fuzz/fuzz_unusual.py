@@ -65,8 +65,8 @@ def read_all(path, whole):
     frame = clean(read_frame, path)
     if whole is not None and (frame is not None or results[1] is not None):
         original = clean(read_frame, whole), clean(read_disparity, whole)
-        for found, expected in ((frame, original[0]), (results[1], original[1])):
-            if found is not None and not _alike(found, expected):
+        for result, expected in ((frame, original[0]), (results[1], original[1])):
+            if result is not None and not _alike(result, expected):
                 return _WRONG
     if frame is not None:
         for extension in ("exr", "png"):
@@ -74,10 +74,10 @@ def read_all(path, whole):
     return 0
 
 
-def _alike(found, expected):
+def _alike(result, expected):
     if expected is None:
         return False
-    pictures = [x if isinstance(x, np.ndarray) else x.image for x in (found, expected)]
+    pictures = [x if isinstance(x, np.ndarray) else x.image for x in (result, expected)]
     return np.array_equal(*pictures)
 
 

@@ -42,8 +42,8 @@ def test_vray_lengths_are_mm_of_the_width(aperture, focal_length, fov):
     )
     assert camera.focus_distance is None
     assert camera.f_number == 8
-    found = 2 * math.degrees(math.atan(camera.sensor_width / 2 / camera.focal_length))
-    assert found == pytest.approx(fov, abs=0.03)
+    result = 2 * math.degrees(math.atan(camera.sensor_width / 2 / camera.focal_length))
+    assert result == pytest.approx(fov, abs=0.03)
 
 
 @pytest.mark.parametrize(

@@ -111,11 +111,11 @@ def photo(tmp_path):
 
 
 def read_by_pillow(path):
-    """What EXIF tells, the packet of XMP, and the size."""
+    """Return the fields of EXIF, the packet of XMP, and the size."""
     image = Image.open(path)
     tags = image.getexif()
     fields, place = tags.get_ifd(EXIF), tags.get_ifd(GPS)
-    found = {
+    results = {
         "orientation": tags.get(0x0112, 1),
         "maker": tags.get(0x010F),
         "exposure": float(fields[0x829A]),
@@ -126,7 +126,7 @@ def read_by_pillow(path):
         "note": fields.get(0x927C),
     }
     xmp = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or ""
-    return found, xmp.encode() if isinstance(xmp, str) else xmp, image.size
+    return results, xmp.encode() if isinstance(xmp, str) else xmp, image.size
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -136,10 +136,10 @@ def test_exif_goes_along_upright(photo, tmp_path, order, source, target):
     frame = read_frame(photo(source, order=order))
     assert frame.image.shape == (WIDTH, HEIGHT, 3)  # orientation 6 is a quarter turn
     write_frame(tmp_path / f"out.{target}", frame, frame.image)
-    found, _, size = read_by_pillow(tmp_path / f"out.{target}")
+    result, _, size = read_by_pillow(tmp_path / f"out.{target}")
     assert size == (HEIGHT, WIDTH)
-    note = found.pop("note")
-    assert found == {
+    note = result.pop("note")
+    assert result == {
         "orientation": 1,
         "maker": "Maker",
         "exposure": 1 / 125,
@@ -158,8 +158,8 @@ def test_exif_of_a_tiff_goes_along(photo, tmp_path, target):
     write_frame(tmp_path / "middle.tif", frame, frame.image)
     frame = read_frame(tmp_path / "middle.tif")
     write_frame(tmp_path / f"out.{target}", frame, frame.image)
-    found, _, _ = read_by_pillow(tmp_path / f"out.{target}")
-    assert (found["maker"], found["exposure"], found["latitude"]) == ("Maker", 1 / 125, [48, 30, 0])
+    result, _, _ = read_by_pillow(tmp_path / f"out.{target}")
+    assert (result["maker"], result["exposure"], result["latitude"]) == ("Maker", 1 / 125, [48, 30, 0])
 
 
 def test_a_tiff_written_with_metadata_is_a_tiff_to_others(photo, tmp_path):
@@ -179,13 +179,15 @@ def test_a_tiff_written_with_metadata_is_a_tiff_to_others(photo, tmp_path):
 
 
 def test_the_colour_space_of_exif_is_that_of_the_result(photo, tmp_path):
-    """Kept colours keep what is told; Adobe RGB of a camera, say, is told so beside its profile."""
+    """Kept colours keep their description, such as Adobe RGB in the EXIF of a camera."""
     path = photo("jpg")
     Image.open(path).save(path, exif=b"Exif\0\0" + exif(), icc_profile=profiles.KNOWN["adobe"])
     frame = read_frame(path)
-    for wanted, told in (("keep", 65535), ("srgb", 1), ("display-p3", 65535)):
-        write_frame(tmp_path / "out.jpg", frame, frame.image, output_format=OutputFormat(color_space=wanted))
-        assert read_by_pillow(tmp_path / "out.jpg")[0]["space"] == told
+    for expected, message in (("keep", 65535), ("srgb", 1), ("display-p3", 65535)):
+        write_frame(
+            tmp_path / "out.jpg", frame, frame.image, output_format=OutputFormat(color_space=expected)
+        )
+        assert read_by_pillow(tmp_path / "out.jpg")[0]["space"] == message
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -232,8 +234,8 @@ def test_maps_that_no_longer_fit_go_and_are_reported(photo, tmp_path, inside, at
         assert gone not in again.metadata.xmp
     root = ElementTree.fromstring(read_by_pillow(tmp_path / "out.jpg")[1])
     assert [item.text for item in root.iter(f"{{{RDF}}}li")] == ["A & Ü"]
-    told = next(root.iter(f"{{{RDF}}}Description")).attrib
-    assert told["{http://ns.adobe.com/xap/1.0/}Rating"] == "4"
+    response = next(root.iter(f"{{{RDF}}}Description")).attrib
+    assert response["{http://ns.adobe.com/xap/1.0/}Rating"] == "4"
 
 
 def test_thumbnails_in_xmp_go(photo, tmp_path):

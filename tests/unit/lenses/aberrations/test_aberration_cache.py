@@ -70,7 +70,7 @@ def test_everything_that_matters_makes_another_map(tmp_path, fits):
 
 @pytest.mark.parametrize("harm", ["empty", "cut", "noise", "foreign", "other lens", "wrong shape"])
 def test_a_damaged_or_foreign_file_is_replaced(tmp_path, fits, harm):
-    wanted = cached_aberration_map(LENS, wavelengths=(), folder=tmp_path)
+    expected = cached_aberration_map(LENS, wavelengths=(), folder=tmp_path)
     (path,) = tmp_path.iterdir()
     whole = path.read_bytes()
     with np.load(path) as file:
@@ -87,7 +87,7 @@ def test_a_damaged_or_foreign_file_is_replaced(tmp_path, fits, harm):
         np.savez(path, **arrays | {"key": np.array("another")})
     else:
         np.savez(path, **arrays | {"transverse_aberration": arrays["transverse_aberration"][..., :4]})
-    assert_same(cached_aberration_map(LENS, wavelengths=(), folder=tmp_path), wanted)
+    assert_same(cached_aberration_map(LENS, wavelengths=(), folder=tmp_path), expected)
     assert len(fits) == 2
     cached_aberration_map(LENS, wavelengths=(), folder=tmp_path)
     assert len(fits) == 2

@@ -31,10 +31,10 @@ def map_of(name, distortion=False):
 
 def pupil_of(full, lens, origin, field):
     """Coordinates a of rays that cross the entrance pupil at ``origin``: A(a) = -origin / radius."""
-    wanted = -origin / lens.thick.pupil_radius
-    pupil = np.array(wanted)
+    expected = -origin / lens.thick.pupil_radius
+    pupil = np.array(expected)
     for _ in range(40):
-        pupil = pupil + wanted - full(pupil, field)[1]
+        pupil = pupil + expected - full(pupil, field)[1]
     return pupil
 
 
@@ -90,8 +90,8 @@ def test_rims_pass_the_share_of_light_that_the_glass_passes(name, distance):
     """Reference: traced rays, weighted by the cosines at the sensor; of the light through the stop."""
     lens, aberration_map = wide_open(name), map_of(name)
     rays, light, goes_on = rays_to_the_stop(lens, distance)
-    told = aberration_map(OTHER_DISC, np.broadcast_to([distance, 0.0], OTHER_DISC.shape))[2].mean()
-    assert told == pytest.approx((light * rays.passes).sum() / (light * goes_on).sum(), abs=0.03)
+    value = aberration_map(OTHER_DISC, np.broadcast_to([distance, 0.0], OTHER_DISC.shape))[2].mean()
+    assert value == pytest.approx((light * rays.passes).sum() / (light * goes_on).sum(), abs=0.03)
 
 
 @pytest.mark.slow

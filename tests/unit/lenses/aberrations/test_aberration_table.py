@@ -27,27 +27,27 @@ def test_seven_numbers_for_each_of_64_wavelengths_go_out_and_in():
         "wavelength,spherical,coma,astigmatism,field_curvature,distortion,axial,lateral"
     )
     assert len(text.splitlines()) == 4 + len(WAVELENGTHS)
-    found = read(text)
-    np.testing.assert_allclose(found.transverse_aberration, lens.transverse_aberration, atol=1e-10)
-    np.testing.assert_allclose(found.pupil_aberration, lens.pupil_aberration, atol=1e-10)
-    assert found.vignetting_apertures == lens.vignetting_apertures
+    result = read(text)
+    np.testing.assert_allclose(result.transverse_aberration, lens.transverse_aberration, atol=1e-10)
+    np.testing.assert_allclose(result.pupil_aberration, lens.pupil_aberration, atol=1e-10)
+    assert result.vignetting_apertures == lens.vignetting_apertures
 
 
 def test_seidels_columns_are_the_sliders():
-    """:class:`AberrationSliders`: coma is a third of its tail, the field is told at the medial focus."""
+    """:class:`AberrationSliders`: coma is a third of its tail, the field is that of the medial focus."""
     sliders = AberrationSliders(
         spherical=0.6, coma=0.9, astigmatism=0.4, field_curvature=0.3, focusing="paraxial"
     )
-    found = read("wavelength,spherical,coma,astigmatism,field_curvature\n587.56,0.6,0.3,0.4,-0.1\n")
+    result = read("wavelength,spherical,coma,astigmatism,field_curvature\n587.56,0.6,0.3,0.4,-0.1\n")
     np.testing.assert_allclose(
-        found.transverse_aberration, sliders.aberration_map().transverse_aberration, atol=1e-15
+        result.transverse_aberration, sliders.aberration_map().transverse_aberration, atol=1e-15
     )
 
 
 @pytest.mark.parametrize("number", [2, 4, 6, 8, 10, 11, 12, 16, 22])
 def test_zernikes_columns_are_gradients_of_the_polynomials(number):
     """Differences of :func:`zernike` over the pupil, the field along x, in the corner."""
-    found = read(f"wavelength,zernike_{number}\n550,100\n")
+    result = read(f"wavelength,zernike_{number}\n550,100\n")
     rng = np.random.default_rng(0)
     pupil, step = rng.uniform(-0.6, 0.6, (40, 2)), 1e-5
     shifts = step * np.eye(2)
@@ -58,13 +58,13 @@ def test_zernikes_columns_are_gradients_of_the_polynomials(number):
         ],
         -1,
     )
-    miss, _, _ = found(pupil, np.tile([1.0, 0.0], (40, 1)), 550.0)
+    miss, _, _ = result(pupil, np.tile([1.0, 0.0], (40, 1)), 550.0)
     np.testing.assert_allclose(miss, expected, atol=1e-7)
 
 
 def test_single_terms_are_those_of_the_map():
-    found = read("wavelength,image_g_012,pupil_f_100\n500,2,5\n600,4,5\n")
-    miss, moved, _ = found(np.array([0.5, 0.0]), np.array([1.0, 0.5]), 550.0)
+    result = read("wavelength,image_g_012,pupil_f_100\n500,2,5\n600,4,5\n")
+    miss, moved, _ = result(np.array([0.5, 0.0]), np.array([1.0, 0.5]), 550.0)
     np.testing.assert_allclose(miss, 0.03 * 0.5 * 1.25**2 * np.array([1.0, 0.5]))
     np.testing.assert_allclose(moved, [0.5 + 0.05 * 0.25 * 0.5, 0])
 

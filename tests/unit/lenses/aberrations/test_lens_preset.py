@@ -15,11 +15,11 @@ def test_a_look_is_the_lens():
     0.99 is what a map has to reach (``test_point_spread``); 12,000 rays leave noise that costs 0.004 of it.
     """
     lens = load_lens("petzval", f_number=2.8, focus_distance=3000.0)
-    made = lens_preset(lens)
-    assert made.correlation > 0.99
-    assert made.min_correlation > 0.99
+    preset = lens_preset(lens)
+    assert preset.correlation > 0.99
+    assert preset.min_correlation > 0.99
     place = np.linspace(0, 1, 11)
     light = relative_illumination(lens, lens.prescription.image_radius, 11)
-    found = made.vignette.factor(np.stack([place, 0 * place], -1), 1.5)
-    assert np.abs(found - light).max() < made.light_error + 0.01
-    assert made.light_error < 0.03
+    result = preset.vignette.factor(np.stack([place, 0 * place], -1), 1.5)
+    assert np.abs(result - light).max() < preset.light_error + 0.01
+    assert preset.light_error < 0.03

@@ -8,7 +8,13 @@ import pytest
 from bokehnet.errors import LensError, ParameterError, ShapeError
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, psf_radius, traced_psf
+from bokehnet.lenses.aberrations.point_spread import (
+    PsfGrid,
+    aberration_psf,
+    correlation,
+    psf_radius,
+    traced_psf,
+)
 from bokehnet.lenses.aberrations.psf_pairs import psf_depths, psf_pairs
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 
@@ -32,14 +38,12 @@ def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):
     half_diagonal = lens.prescription.image_radius
     radius = float(lens.coc_radius(1 / depth))
     pitch = abs(radius) / 20
-    traced = traced_psf(lens, depth=depth, field=field, pitch=pitch, size=60, **GREEN)
+    traced = traced_psf(lens, PsfGrid(pitch=pitch, size=60, **GREEN), depth=depth, field=field)
     reduced = aberration_psf(
         fit_aberration_map(lens, wavelengths=()),
+        PsfGrid(pitch=pitch / half_diagonal, size=60, **GREEN),
         defocus=radius / half_diagonal,
         field=field,
-        pitch=pitch / half_diagonal,
-        size=60,
-        **GREEN,
     )
     for psf in (traced, reduced):
         middle, square = moments(psf, pitch)
@@ -53,7 +57,7 @@ def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):
 def test_the_perfect_map_gives_a_disc():
     """Reference: pi r^2 cells, evenly lit."""
     psf = aberration_psf(
-        AberrationMap.perfect(), defocus=0.02, field=(0.4, 0.3), pitch=0.001, size=50, **GREEN
+        AberrationMap.perfect(), PsfGrid(pitch=0.001, size=50, **GREEN), defocus=0.02, field=(0.4, 0.3)
     )
     lit = psf[..., 0] > 0.5 / (math.pi * 20**2)
     assert lit.sum() == pytest.approx(math.pi * 20**2, rel=0.02)
@@ -71,22 +75,20 @@ def test_the_perfect_map_gives_a_disc():
     ],
 )
 def test_reduced_and_traced_agree_over_depth_and_field(name):
-    """Reference: light sent through the glass; wide open, in colour. 0.95 is asked for on average."""
+    """Reference: light sent through the glass; wide open, in colour. The required mean is 0.95."""
     lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)
     pairs = list(psf_pairs(lens, rays=4000))
-    found = np.array([pair.correlation for pair in pairs])
-    assert len(found) == 9
-    assert found.mean() > 0.97
-    assert found.min() > 0.93
+    result = np.array([pair.correlation for pair in pairs])
+    assert len(result) == 9
+    assert result.mean() > 0.97
+    assert result.min() > 0.93
     # They are no perfect discs, which would be enough otherwise.
     corner = pairs[2]
     disc = aberration_psf(
         AberrationMap.perfect(),
+        PsfGrid(pitch=corner.width / len(corner.traced), size=len(corner.traced), **GREEN),
         defocus=corner.blur_radius,
         field=(corner.field, 0.0),
-        pitch=corner.width / len(corner.traced),
-        size=len(corner.traced),
-        **GREEN,
     )
     assert correlation(corner.traced.mean(-1), disc[..., 0]) < corner.correlation - 0.01
 
@@ -97,7 +99,7 @@ def test_light_lost_at_the_rims_is_missing_from_both():
     middle, corner = (psf_radius(lens, 1500.0, (distance, 0.0)) for distance in (0.0, 0.9))
     assert corner == pytest.approx(middle, rel=0.15)  # across, nothing is lost
     pitch = 2.2 * middle / 64
-    narrow = traced_psf(lens, depth=1500.0, field=(0.9, 0.0), pitch=pitch, size=64, **GREEN)[..., 0]
+    narrow = traced_psf(lens, PsfGrid(pitch=pitch, size=64, **GREEN), depth=1500.0, field=(0.9, 0.0))[..., 0]
     across, along = (
         (narrow > 0.2 * narrow.max()).any(axis=1).sum(),
         (narrow > 0.2 * narrow.max()).any(axis=0).sum(),
@@ -117,13 +119,15 @@ def test_depths_enclose_the_focus(name, focus):
 
 def test_mistakes_are_reported():
     lens = load_lens("petzval", focus_distance=3000.0)
-    fine = {"depth": 2000.0, "field": (0.0, 0.0), "pitch": 0.01, "size": 8}
+    grid = {"pitch": 0.01, "size": 8} | GREEN
     for far in (3.0, 30.0):
         with pytest.raises(LensError, match="no ray through the middle"):
-            traced_psf(lens, **fine | {"field": (far, 0.0)}, **GREEN)
+            traced_psf(lens, PsfGrid(**grid), depth=2000.0, field=(far, 0.0))
     with pytest.raises(ParameterError, match="pitch"):
-        traced_psf(lens, **fine | {"pitch": 0.0}, **GREEN)
+        PsfGrid(**grid | {"pitch": 0.0})
     with pytest.raises(ShapeError, match="colors"):
-        traced_psf(lens, **fine, wavelengths=np.array([500.0, 600.0]), colors=np.ones((1, 3)))
+        PsfGrid(**grid | {"wavelengths": np.array([500.0, 600.0]), "colors": np.ones((1, 3))})
     with pytest.raises(ParameterError, match="defocus"):
-        aberration_psf(AberrationMap.perfect(), defocus=math.nan, field=(0, 0), pitch=0.01, size=8, **GREEN)
+        aberration_psf(
+            AberrationMap.perfect(), PsfGrid(pitch=0.01, size=8, **GREEN), defocus=math.nan, field=(0, 0)
+        )

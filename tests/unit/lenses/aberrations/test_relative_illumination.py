@@ -8,7 +8,7 @@ from bokehnet.lenses.aberrations.relative_illumination import relative_illuminat
 
 
 def by_etendue(lens, slope: float, count: int = 400) -> tuple[float, float]:
-    """Where parallel light of a slope arrives, mm, and its irradiance: L cos A dOmega / dA."""
+    """Return the height of parallel light of a slope, mm, and its irradiance: L cos A dOmega / dA."""
     half = 3.0 * lens.thick.pupil_radius
     steps = (np.arange(count) + 0.5) / count * 2 * half - half
     origin = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
@@ -33,9 +33,9 @@ def test_light_in_the_corners_is_what_the_scene_sends_there(name):
     light = relative_illumination(lens, radius)
     _, middle = by_etendue(lens, 0.02)
     for share in (0.5, 0.9):
-        height, found = by_etendue(lens, share * radius / lens.sensor_distance)
-        wanted = np.interp(height / radius, np.linspace(0, 1, 33), light)
-        assert found / middle == pytest.approx(wanted, abs=0.02)
+        height, result = by_etendue(lens, share * radius / lens.sensor_distance)
+        expected = np.interp(height / radius, np.linspace(0, 1, 33), light)
+        assert result / middle == pytest.approx(expected, abs=0.02)
 
 
 def test_a_stopped_down_lens_follows_the_cosine():

@@ -76,10 +76,10 @@ def test_a_sphere_turned_about_its_centre_is_the_same_sphere(backwards):
     ends = rng.uniform(-8, 8, (2, 2, 50))
     places = (90.0, 20.0) if backwards else (-80.0, -10.0)
     beam = beam_between((*ends[0], places[0]), (*ends[1], places[1]))
-    found = trace([moved], beam, backwards=backwards)
-    wanted = trace([dataclasses.replace(moved, tilt=(0.0, 0.0), shift=(0.0, 0.0, 0.0))], beam, backwards)
-    np.testing.assert_allclose(found.position, wanted.position, atol=1e-12)
-    np.testing.assert_allclose(found.direction, wanted.direction, atol=1e-13)
+    result = trace([moved], beam, backwards=backwards)
+    expected = trace([dataclasses.replace(moved, tilt=(0.0, 0.0), shift=(0.0, 0.0, 0.0))], beam, backwards)
+    np.testing.assert_allclose(result.position, expected.position, atol=1e-12)
+    np.testing.assert_allclose(result.direction, expected.direction, atol=1e-13)
 
 
 def test_a_mirror_that_is_turned_turns_light_twice_as_far_both_ways():
@@ -118,23 +118,23 @@ def test_a_singlet_off_its_stop_has_the_coma_of_its_spherical_aberration():
     copy = PrescriptionLens(prescription=moved_as_one(lens.prescription, (moved, 0.0, 0.0)), f_number=16.0)
     along, across = fit_aberration_map(lens, wavelengths=()).transverse_aberration[0]
     radius = lens.prescription.image_radius
-    found = misalignment(copy)
+    result = misalignment(copy)
     # The lens moves to the sensor's +x, which is the picture's left: rays pass it further right by d, and
     # what the middle of the sensor shows is right of its axis, where the lens has a coma of its own.
     expected = along[term(1, 0, 0)] * moved / lens.thick.pupil_radius + across[term(1, 0, 0)] * moved / radius
-    assert found.coma[0] == pytest.approx(2 * expected * radius, rel=0.03)
-    assert abs(found.coma[1]) < 1e-3 * abs(found.coma[0])
+    assert result.coma[0] == pytest.approx(2 * expected * radius, rel=0.03)
+    assert abs(result.coma[1]) < 1e-3 * abs(result.coma[0])
     assert np.abs(misalignment(lens).coma).max() < 1e-9
     # In focus at infinity the picture moves with the lens.
-    assert found.image_shift[0] == pytest.approx(-moved, rel=0.01)
+    assert result.image_shift[0] == pytest.approx(-moved, rel=0.01)
 
 
 @pytest.mark.parametrize("name", ["double_gauss", "petzval"])
 def test_the_focus_plane_agrees_with_a_search_through_focus(name):
     """Oracle: the sensor, moved to and fro, on which the traced spot is least, on both sides."""
-    made = assemble_copy(load_lens(name).prescription, Tolerances() * 10, 3)
-    lens = PrescriptionLens(prescription=made, f_number=8.0, focus_distance=3000.0)
-    radius = 0.7 * made.image_radius
+    lens_copy = assemble_copy(load_lens(name).prescription, Tolerances() * 10, 3)
+    lens = PrescriptionLens(prescription=lens_copy, f_number=8.0, focus_distance=3000.0)
+    radius = 0.7 * lens_copy.image_radius
     sharpest = np.array([sharpest_sensor(lens, np.array(place)) for place in radius * np.array(AROUND)])
     # Blur of a sensor in front of the image by so many mm, per mm from side to side.
     expected = (sharpest[::2] - sharpest[1::2]) / (2 * radius) / (2 * lens.working_f_number)
@@ -146,7 +146,7 @@ AROUND = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
 
 
 def sharpest_sensor(lens, place):
-    """How far behind its place the sensor would show the point seen at ``place`` with the least spot, mm."""
+    """Return the backward shift of the sensor, mm, with the smallest spot of the point at ``place``."""
     middle = chief_rays(lens, place)
     away = 1.2 * lens.thick.pupil_radius * ring_points(16)
     rays = Rays(origin=middle.origin + away, slope=middle.slope - away / lens.focus_distance)
@@ -184,21 +184,21 @@ def test_the_slider_moves_one_copy_within_its_limits_and_not_the_iris():
 
 
 def test_a_copy_is_written_and_read_back_and_scaled(tmp_path):
-    made = assemble_copy(load_lens("petzval").prescription, Tolerances(), 1)
+    lens_copy = assemble_copy(load_lens("petzval").prescription, Tolerances(), 1)
     path = tmp_path / "copy.toml"
-    path.write_text(prescription_toml(made), encoding="utf-8")
-    assert read_prescription(path) == made
-    assert made.scaled(2.0).surfaces[0].shift == tuple(2 * part for part in made.surfaces[0].shift)
+    path.write_text(prescription_toml(lens_copy), encoding="utf-8")
+    assert read_prescription(path) == lens_copy
+    assert lens_copy.scaled(2.0).surfaces[0].shift == tuple(2 * part for part in lens_copy.surfaces[0].shift)
     with pytest.raises(LensError, match="pass the design"):
-        assemble_copy(made, Tolerances(), 2)
+        assemble_copy(lens_copy, Tolerances(), 2)
     with pytest.raises(LensError, match="expected elements centred on the axis"):
-        _ = TransferLens(prescription=made, degree=2).table
+        _ = TransferLens(prescription=lens_copy, degree=2).table
 
 
 def test_light_of_a_copy_is_all_looked_for():
     """Rays aimed where a copy lets light pass tell the same light as rays aimed far beyond its exit pupil."""
-    made = assemble_copy(load_lens("double_gauss").prescription, Tolerances() * 10, 3)
-    lens = PrescriptionLens(prescription=made, f_number=2.8, focus_distance=3000.0)
+    lens_copy = assemble_copy(load_lens("double_gauss").prescription, Tolerances() * 10, 3)
+    lens = PrescriptionLens(prescription=lens_copy, f_number=2.8, focus_distance=3000.0)
     uv = disc_from_square(np.stack([halton(8192, 2), halton(8192, 3)], -1))
     wide = dataclasses.replace(lens, pupil_sampling="exit")
     for place in ((0.0, 25.0), (-30.0, 0.0)):

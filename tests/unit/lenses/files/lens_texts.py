@@ -179,16 +179,16 @@ def _ifc(curvature, number, **shape):
     }
 
 
-def _gap(thickness, module, kind, **told):
-    medium = {"__instance_type__": [module, kind], "attributes": told}
+def _gap(thickness, module, kind, **message):
+    medium = {"__instance_type__": [module, kind], "attributes": message}
     return {
         "__instance_type__": ["rayoptics.seq.gap", "Gap"],
         "attributes": {"thi": thickness, "medium": medium},
     }
 
 
-def _holder(**told):
-    return {"__instance_type__": ["", ""], "attributes": told}
+def _holder(**message):
+    return {"__instance_type__": ["", ""], "attributes": message}
 
 
 _MEDIUM = "opticalglass.opticalmedium"

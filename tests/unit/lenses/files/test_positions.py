@@ -1,4 +1,4 @@
-"""Zooms and floating groups: focal lengths as the patent prints them, gaps as they were told."""
+"""Zooms and floating groups: focal lengths as the patent prints them, gaps of the file."""
 
 import math
 from pathlib import Path
@@ -76,7 +76,7 @@ def _focal_length(path: str) -> float:
 def test_each_position_of_a_zoom_has_the_focal_length_that_is_printed(tmp_path: Path) -> None:
     path = tmp_path / "zoom.fx"
     path.write_text(_ZOOM)
-    # Indices are told to three places.
+    # Indices have three decimal places.
     for position, printed in ((1, 72.10), (2, 135.0), (3, 194.01)):
         assert _focal_length(f"{path}@{position}") == pytest.approx(printed, rel=0.01)
     first = import_lens(path)
@@ -99,20 +99,20 @@ def test_a_position_that_is_not_there_is_one_line(tmp_path: Path) -> None:
 def test_groups_float_between_the_listed_distances(tmp_path: Path) -> None:
     path = tmp_path / "floats.seq"
     path.write_text(_MOVING)
-    found = import_lens(path).prescription
-    assert [row.distance for row in found.floating] == [500.0, math.inf]
-    gap = next(i for i, row in enumerate(found.surfaces) if row.thickness == 5.0)
-    assert found.focused(math.inf).surfaces[gap].thickness == 5.0
-    assert found.focused(1000.0).surfaces[gap].thickness == pytest.approx(6.25)
-    assert found.focused(100.0).surfaces[gap].thickness == 7.5
-    assert found.scaled(2.0).focused(2000.0).surfaces[gap].thickness == pytest.approx(12.5)
+    result = import_lens(path).prescription
+    assert [row.distance for row in result.floating] == [500.0, math.inf]
+    gap = next(i for i, row in enumerate(result.surfaces) if row.thickness == 5.0)
+    assert result.focused(math.inf).surfaces[gap].thickness == 5.0
+    assert result.focused(1000.0).surfaces[gap].thickness == pytest.approx(6.25)
+    assert result.focused(100.0).surfaces[gap].thickness == 7.5
+    assert result.scaled(2.0).focused(2000.0).surfaces[gap].thickness == pytest.approx(12.5)
     lens = load_lens(path, focus_distance=1000.0)
     assert lens.prescription.surfaces[gap].thickness == pytest.approx(6.25, rel=0.02)
     assert lens.focal_length != pytest.approx(load_lens(path).focal_length, rel=1e-3)
     copy = tmp_path / "copy.toml"
-    copy.write_text(prescription_toml(found))
-    assert read_prescription(copy) == found
-    copy.write_text(prescription_toml(found).replace("distance = 500.0", "distance = -1.0"))
+    copy.write_text(prescription_toml(result))
+    assert read_prescription(copy) == result
+    copy.write_text(prescription_toml(result).replace("distance = 500.0", "distance = -1.0"))
     with pytest.raises(ConfigError, match="floating"):
         read_prescription(copy)
 
@@ -134,8 +134,8 @@ def test_q_polynomials_are_even_powers() -> None:
     """Forbes, 2007: the first strong terms are 1, 6 x - 5 and 28 x^2 - 42 x + 15."""
     from bokehnet.lenses.files.forbes import mild_powers, strong_powers
 
-    found = strong_powers([0.0, 0.0, 1.0], 2.0)
-    assert found == pytest.approx([0.0, 15 / 2**4, -42 / 2**6, 28 / 2**8])
+    result = strong_powers([0.0, 0.0, 1.0], 2.0)
+    assert result == pytest.approx([0.0, 15 / 2**4, -42 / 2**6, 28 / 2**8])
     assert strong_powers([0.0, 1.0], 1.0) == pytest.approx([0.0, -5.0, 6.0])
     # Of a plane the root is 1: u^2 (1 - u^2) (13 - 16 u^2) / sqrt(19).
     flat = mild_powers([0.0, 1.0], 1.0, 0.0)

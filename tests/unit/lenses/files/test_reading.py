@@ -52,13 +52,13 @@ def focal_length() -> float:
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_the_same_lens(put, name):
     """Authority: matrices by hand for the focal length, the f-number, rays of the lens of another format."""
-    found = import_lens(put(name, FORMATS[name])).prescription
-    lens = PrescriptionLens(prescription=found)
-    assert found.name == "Doublet"
+    result = import_lens(put(name, FORMATS[name])).prescription
+    lens = PrescriptionLens(prescription=result)
+    assert result.name == "Doublet"
     assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
     assert lens.min_f_number == pytest.approx(focal_length() / (0.8 * INCH), rel=1e-9)
-    assert found.image_radius == pytest.approx(focal_length() * np.tan(np.radians(5)), rel=1e-9)
-    assert [row.stop for row in found.surfaces] == [True, False, False, False]
+    assert result.image_radius == pytest.approx(focal_length() * np.tan(np.radians(5)), rel=1e-9)
+    assert [row.stop for row in result.surfaces] == [True, False, False, False]
     other = PrescriptionLens(prescription=import_lens(put("b.zmx", ZMX)).prescription)
     height = np.linspace(1, 9, 5)
     start = beam_between((height, 0 * height, -1.0), (height, 0.1 + 0 * height, 0.0))
@@ -70,15 +70,15 @@ def test_every_format_is_the_same_lens(put, name):
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig", "latin-1"])
 def test_zemax_writes_in_many_encodings(put, encoding):
     text = ZMX.replace("NAME Doublet", "NAME Doppellinse Größe 5")
-    found = import_lens(put("a.zmx", text, encoding)).prescription
-    assert found.name == "Doppellinse Größe 5"
-    assert PrescriptionLens(prescription=found).focal_length == pytest.approx(focal_length(), rel=1e-9)
+    result = import_lens(put("a.zmx", text, encoding)).prescription
+    assert result.name == "Doppellinse Größe 5"
+    assert PrescriptionLens(prescription=result).focal_length == pytest.approx(focal_length(), rel=1e-9)
 
 
 def test_a_written_lens_is_the_one_that_was_read(put, tmp_path):
-    found = import_lens(put("a.seq", SEQ)).prescription
-    (tmp_path / "b.toml").write_text(prescription_toml(found))
-    assert read_prescription(tmp_path / "b.toml") == found
+    result = import_lens(put("a.seq", SEQ)).prescription
+    (tmp_path / "b.toml").write_text(prescription_toml(result))
+    assert read_prescription(tmp_path / "b.toml") == result
 
 
 def test_commands_take_such_a_file_directly(put, cli):
@@ -90,20 +90,20 @@ def test_commands_take_such_a_file_directly(put, cli):
 
 
 def test_assumptions_and_ignored_values_are_reported(put):
-    found = import_lens(put("a.zmx", ZMX))
-    assert "___BLANK approximated by nd 1.62, Vd 36.3" in found.notes
-    assert found.skipped["VERS"] == 1
-    assert found.skipped["GCAT"] == 1
-    assert "DIAM" not in found.skipped
+    result = import_lens(put("a.zmx", ZMX))
+    assert "___BLANK approximated by nd 1.62, Vd 36.3" in result.notes
+    assert result.skipped["VERS"] == 1
+    assert result.skipped["GCAT"] == 1
+    assert "DIAM" not in result.skipped
 
 
 def test_a_stop_on_a_surface_is_a_plane_at_its_vertex(put):
     """In air in front of glass, inside it where glass is on both sides, in air behind the last surface."""
     base = ZMX.replace("  STOP\n", "")
-    for surface, wanted in (("SURF 2\n", 0), ("SURF 3\n", 2), ("SURF 4\n", 3)):
-        found = import_lens(put("a.zmx", base.replace(surface, surface + "  STOP\n"))).prescription
-        lens = PrescriptionLens(prescription=found)
-        assert [row.stop for row in found.surfaces].index(True) == wanted
+    for surface, expected in (("SURF 2\n", 0), ("SURF 3\n", 2), ("SURF 4\n", 3)):
+        result = import_lens(put("a.zmx", base.replace(surface, surface + "  STOP\n"))).prescription
+        lens = PrescriptionLens(prescription=result)
+        assert [row.stop for row in result.surfaces].index(True) == expected
         assert lens.min_f_number == pytest.approx(focal_length() / (0.8 * INCH), rel=1e-9)
         assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
 
@@ -115,8 +115,8 @@ def test_glass_comes_from_a_catalogue_in_the_same_folder(put):
         "CC ours\nNM MYCROWN 2 517642 1.5168 64.17 0 0\nCD 1.03961212 0.00600069867 0.231792344 "
         "0.0200179144 1.01046945 103.560653\n",
     )
-    found = import_lens(put("a.zmx", ZMX.replace("N-BK7", "MYCROWN"))).prescription
-    assert PrescriptionLens(prescription=found).focal_length == pytest.approx(focal_length(), rel=1e-9)
+    result = import_lens(put("a.zmx", ZMX.replace("N-BK7", "MYCROWN"))).prescription
+    assert PrescriptionLens(prescription=result).focal_length == pytest.approx(focal_length(), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -17,19 +17,19 @@ PLACES = [(50.0, 45.5), (165.0, 50.0), (60.5, 110.0)]
 def test_least_squares_finds_what_the_normal_equations_give_and_its_spread():
     rng = np.random.default_rng(0)
     matrix, truth = rng.normal(size=(500, 3)), np.array([1.0, -2.0, 3.0])
-    wanted = matrix @ truth + 0.1 * rng.normal(size=500)
+    expected = matrix @ truth + 0.1 * rng.normal(size=500)
     bounds = np.full(3, -10.0), np.full(3, 10.0)
-    found = solve(lambda v: matrix @ v - wanted, lambda v, r: matrix, np.zeros(3), *bounds, 50)
-    np.testing.assert_allclose(found.values, np.linalg.lstsq(matrix, wanted, rcond=None)[0], atol=1e-5)
-    spread = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * found.cost / 497)
-    np.testing.assert_allclose(found.deviation, spread, rtol=1e-6)
+    result = solve(lambda v: matrix @ v - expected, lambda v, r: matrix, np.zeros(3), *bounds, 50)
+    np.testing.assert_allclose(result.values, np.linalg.lstsq(matrix, expected, rcond=None)[0], atol=1e-5)
+    spread = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * result.cost / 497)
+    np.testing.assert_allclose(result.deviation, spread, rtol=1e-6)
 
 
 def test_least_squares_stays_within_bounds():
-    found = solve(
+    result = solve(
         lambda v: v - np.array([5.0, 0.5]), lambda v, r: np.eye(2), np.zeros(2), np.zeros(2), np.ones(2), 20
     )
-    np.testing.assert_allclose(found.values, [1.0, 0.5], atol=1e-4)
+    np.testing.assert_allclose(result.values, [1.0, 0.5], atol=1e-4)
 
 
 @pytest.mark.parametrize("blades", [0, 6])
@@ -40,10 +40,10 @@ def test_the_smooth_disc_is_the_opening(blades):
     y, x = np.mgrid[:81, :81].astype(float)
     fine = (np.arange(81 * 8) + 0.5) / 8 - 0.5
     u, v = np.meshgrid((fine - 40) / -30, (fine - 40) / -30)
-    wanted = transmission(aperture, u, v, -1).reshape(81, 8, 81, 8).mean((1, 3))
-    found = draw_disc(look, x, y, (40.0, 40.0), -30.0, (81, 81))
-    assert np.abs(found - wanted).max() < 0.35  # at a rim's pixel
-    assert np.sqrt(np.mean((found - wanted) ** 2)) < 0.02
+    expected = transmission(aperture, u, v, -1).reshape(81, 8, 81, 8).mean((1, 3))
+    result = draw_disc(look, x, y, (40.0, 40.0), -30.0, (81, 81))
+    assert np.abs(result - expected).max() < 0.35  # at a rim's pixel
+    assert np.sqrt(np.mean((result - expected) ** 2)) < 0.02
 
 
 def test_straight_edges_are_a_cosine_from_the_centre():
@@ -57,9 +57,9 @@ def test_invisible_blades_are_a_round_aperture():
     truth = Look(blades=6, curvature=0.995, rotation=12.0, softness=0.6)
     assert 22 * edge_depth(6, 0.995) < 0.03
     image = picture(truth, noise=0.0)
-    found = fit_look(image, find_discs(image[..., 1]), blades=(0, 6))
-    assert found.look.blades == 0
-    assert "curvature" not in found.deviation
+    result = fit_look(image, find_discs(image[..., 1]), blades=(0, 6))
+    assert result.look.blades == 0
+    assert "curvature" not in result.deviation
     forced = fit_look(image, find_discs(image[..., 1]), blades=(6,))
     assert set(forced.residual_by_blades) == {6}
 
@@ -74,28 +74,28 @@ def picture(look, radius=-22.0, noise=0.004):
 
 
 def test_lamps_are_found_where_they_are():
-    found = sorted(find_discs(picture(Look(blades=6))[..., 1]), key=lambda disc: (disc.y > 80, disc.x))
-    assert [(disc.x, disc.y) for disc in found] == [pytest.approx(place, abs=2) for place in PLACES]
-    assert [disc.radius for disc in found] == pytest.approx([22] * 3, abs=2)
+    result = sorted(find_discs(picture(Look(blades=6))[..., 1]), key=lambda disc: (disc.y > 80, disc.x))
+    assert [(disc.x, disc.y) for disc in result] == [pytest.approx(place, abs=2) for place in PLACES]
+    assert [disc.radius for disc in result] == pytest.approx([22] * 3, abs=2)
     assert find_discs(np.zeros((50, 50))) == []
 
 
 def test_a_look_is_found_again_with_its_doubt():
     truth = Look(blades=6, curvature=0.3, rotation=12.0, spherical_profile=-0.3, cats_eye=0.5, softness=0.6)
     image = picture(truth)
-    found = fit_look(image, find_discs(image[..., 1]))
-    assert found.look.blades == 6
+    result = fit_look(image, find_discs(image[..., 1]))
+    assert result.look.blades == 6
     for name, apart in (
         ("curvature", 0.05),
         ("rotation", 3),
         ("spherical_profile", 0.1),
         ("cats_eye", 0.075),
     ):
-        error = abs(getattr(found.look, name) - getattr(truth, name))
+        error = abs(getattr(result.look, name) - getattr(truth, name))
         assert error < apart
-        assert error < 6 * found.deviation[name] < 6 * apart
-    assert found.residual < 0.05
-    assert found.residual_by_blades[6] == min(found.residual_by_blades.values())
+        assert error < 6 * result.deviation[name] < 6 * apart
+    assert result.residual < 0.05
+    assert result.residual_by_blades[6] == min(result.residual_by_blades.values())
 
 
 def test_no_lamp_and_only_clipped_ones_are_refused():
@@ -114,9 +114,9 @@ def test_a_round_opening_gets_no_blades_from_correlated_noise(lamps, radius):
     coarse = np.kron(rng.normal(size=(50, 74, 3)), np.ones((3, 3, 1)))[: SIZE[1], : SIZE[0]]
     image = image + 0.02 * coarse
     discs = [Disc(x=x, y=y, radius=abs(radius)) for x, y in PLACES[:lamps]]
-    found = fit_look(image, discs, blades=(0, 5, 8))
-    assert found.look.blades == 0
-    residual = found.residual_by_blades
+    result = fit_look(image, discs, blades=(0, 5, 8))
+    assert result.look.blades == 0
+    residual = result.residual_by_blades
     assert residual[5] < residual[0]  # blades do reduce the residual of the discs that they are fitted to
 
 

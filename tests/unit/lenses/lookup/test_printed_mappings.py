@@ -19,8 +19,8 @@ def test_5_6_and_5_9_are_solved():
     for distance in (500.0, 2000.0, 9000.0):
         for at in (None, 50.6):
             focus = equivalent_focus(distance, 1500.0, reference, focal, radius, at)
-            wanted = circle_of_confusion(distance, 1500.0, at or focal, radius)
-            assert circle_of_confusion(reference, focus, focal, radius) == pytest.approx(wanted)
+            expected = circle_of_confusion(distance, 1500.0, at or focal, radius)
+            assert circle_of_confusion(reference, focus, focal, radius) == pytest.approx(expected)
 
 
 def test_5_8_has_no_axial_colour_in_focus():

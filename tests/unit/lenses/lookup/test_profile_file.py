@@ -20,11 +20,11 @@ def test_a_texture_is_read_as_it_was_written(made, tmp_path):
     lens, texture = made
     path = tmp_path / "profile.npz"
     write_profile(texture, lens, path)
-    found, own = read_profile(path)
+    result, own = read_profile(path)
     assert own == lens
     for name in ("planes", "reach", "light"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(texture, name))
-    assert profile_row(found, own, 2000.0, 450.0) == profile_row(texture, lens, 2000.0, 450.0)
+        np.testing.assert_array_equal(getattr(result, name), getattr(texture, name))
+    assert profile_row(result, own, 2000.0, 450.0) == profile_row(texture, lens, 2000.0, 450.0)
     with pytest.raises(LensError, match="expected a lens ray transfer function"):
         read_transfer(path)
 

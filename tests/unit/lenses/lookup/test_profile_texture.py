@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.aberrations.point_spread import correlation, traced_psf
+from bokehnet.lenses.aberrations.point_spread import PsfGrid, correlation, traced_psf
 from bokehnet.lenses.lookup.profile_texture import profile_psf, profile_row, trace_profile_texture
 
 
@@ -24,20 +24,16 @@ def test_rows_are_chosen_as_gaussian_optics_blurs(depth):
     assert reach == pytest.approx(abs(float(lens.coc_radius(1 / depth))), rel=0.02)
 
 
-def _both(lens, texture, depth, wavelength, told):
-    """Blur as traced, and by the row of a wavelength that is told."""
+def _both(lens, texture, depth, wavelength, value):
+    """Blur as traced, and by the row of a given wavelength."""
     color, pitch = np.ones((1, 1)), 0.03
     traced = traced_psf(
         lens,
+        PsfGrid(wavelengths=np.array([wavelength]), colors=color, pitch=pitch, size=64, rays=40000),
         depth=depth,
         field=(0.0, 0.0),
-        wavelengths=np.array([wavelength]),
-        colors=color,
-        pitch=pitch,
-        size=64,
-        rays=40_000,
     )
-    row = profile_row(texture, lens, depth, told)
+    row = profile_row(texture, lens, depth, value)
     return traced, profile_psf(texture, np.array([row]), color, pitch, 64)
 
 

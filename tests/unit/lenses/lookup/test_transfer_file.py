@@ -19,14 +19,14 @@ def stored(tmp_path_factory):
 
 def test_a_stored_table_gives_the_same_rays(stored):
     lens, path = stored
-    found = load_lens(path, f_number=4.0, focus_distance=3000.0)
-    assert isinstance(found, TransferLens)
-    assert (found.f_number, found.focus_distance) == (4.0, 3000.0)
-    assert found.prescription == lens.prescription
-    np.testing.assert_array_equal(found.table.coefficients, lens.table.coefficients)
-    made = TransferLens(prescription=lens.prescription, f_number=4.0, focus_distance=3000.0)
+    result = load_lens(path, f_number=4.0, focus_distance=3000.0)
+    assert isinstance(result, TransferLens)
+    assert (result.f_number, result.focus_distance) == (4.0, 3000.0)
+    assert result.prescription == lens.prescription
+    np.testing.assert_array_equal(result.table.coefficients, lens.table.coefficients)
+    actual = TransferLens(prescription=lens.prescription, f_number=4.0, focus_distance=3000.0)
     place, pupil = np.array([[5.0, 3.0]]), np.array([[0.3, -0.4]])
-    one, two = (each.sample_rays(place, pupil) for each in (found, made))
+    one, two = (each.sample_rays(place, pupil) for each in (result, actual))
     np.testing.assert_array_equal(one.slope, two.slope)
 
 

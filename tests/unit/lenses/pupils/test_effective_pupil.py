@@ -32,7 +32,7 @@ def test_more_rays_pass_than_with_the_exit_pupil_where_rims_clip():
 
 @pytest.mark.parametrize(("x", "y"), [(30.0, 0.0), (-21.0, 21.0), (0.0, -30.0)])
 def test_both_ways_of_sampling_measure_the_same_light(x, y):
-    """Where the exit pupil holds all that passes, area over pass share is the same irradiance."""
+    """Both ways give the same irradiance where the exit pupil contains all rays that pass."""
     lens = load_lens("double_gauss")
     exit_only = dataclasses.replace(lens, pupil_sampling="exit")
     light = [one.sample_rays(np.tile([x, y], (len(UV), 1)), UV).weight.mean() for one in (lens, exit_only)]
@@ -40,7 +40,7 @@ def test_both_ways_of_sampling_measure_the_same_light(x, y):
 
 
 def test_the_exit_pupil_of_gaussian_optics_misses_light_of_a_fast_lens():
-    """Why the effective pupil is the default: 7 % of the light on the axis of the Double Gauss at f/2."""
+    """The effective pupil is the default: 7 % of the light on the axis of the Double Gauss at f/2."""
     lens = load_lens("double_gauss")
     exit_only = dataclasses.replace(lens, pupil_sampling="exit")
     light = [one.sample_rays(np.zeros((len(UV), 2)), UV).weight.mean() for one in (lens, exit_only)]

@@ -24,7 +24,7 @@ def spot_radius(lens, behind: float) -> float:
 
 
 def leaves(lens, rays) -> np.ndarray:
-    """Where rays cross the plane of the exit pupil, mm: by the same lens with its sensor there."""
+    """Return the positions of rays in the exit pupil, mm: by the same lens with its sensor there."""
     moved = type(lens)(
         prescription=lens.prescription, f_number=lens.f_number, focus_distance=lens.focus_distance
     )
@@ -47,8 +47,8 @@ def test_a_singlet_focuses_at_two_thirds_of_its_spherical_aberration():
     lens = load_lens("biconvex", f_number=16.0, focusing="paraxial")
     spherical = float(reduce_lens(lens, half_diagonal=1.0, wavelengths=[587.5618]).image.spherical[0])
     radius, distance = abs(lens.paraxial.exit.radius), lens.sensor_position - lens.paraxial.exit.position
-    found = load_lens("biconvex", f_number=16.0).focus_shift * radius / distance
-    assert abs(found) == pytest.approx(2 / 3 * abs(spherical), rel=0.02)
+    result = load_lens("biconvex", f_number=16.0).focus_shift * radius / distance
+    assert abs(result) == pytest.approx(2 / 3 * abs(spherical), rel=0.02)
 
 
 def test_the_shift_grows_as_the_square_of_the_opening():

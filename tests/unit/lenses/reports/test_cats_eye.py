@@ -16,15 +16,15 @@ from bokehnet.optics.vignette import rim_factor
 
 @pytest.mark.parametrize("slider", [0.0, 0.4, 1.1])
 def test_a_barrel_that_is_a_slider_is_that_slider(slider):
-    found, differs = nearest_cats_eye([(slider, 1.0)] if slider else [])
-    assert found == pytest.approx(slider, abs=0.006)
+    result, differs = nearest_cats_eye([(slider, 1.0)] if slider else [])
+    assert result == pytest.approx(slider, abs=0.006)
     assert differs < 0.005
 
 
 def test_a_barrel_on_both_sides_is_a_slider_of_twice_the_shift():
     """Geometry: discs at -s and s meet in the shape that discs at 0 and 2 s meet in, about another middle."""
-    found, differs = nearest_cats_eye([(0.3, 1.0), (-0.3, 1.0)])
-    assert found == pytest.approx(0.6, rel=0.02)
+    result, differs = nearest_cats_eye([(0.3, 1.0), (-0.3, 1.0)])
+    assert result == pytest.approx(0.6, rel=0.02)
     assert differs < 0.02
 
 
@@ -42,8 +42,8 @@ def test_the_slider_of_a_traced_lens_leaves_the_light_that_its_rims_leave():
     place = np.linspace(0, 1, 33)
     light = np.interp(shares, place, relative_illumination(lens, radius))
     slope = shares * radius / (lens.sensor_position - lens.paraxial.exit.position)
-    wanted = (light * (1 + slope**2) ** 2).mean()
-    assert rim_factor(np.stack([shares, 0 * shares], -1), slider).mean() == pytest.approx(wanted, rel=0.03)
+    expected = (light * (1 + slope**2) ** 2).mean()
+    assert rim_factor(np.stack([shares, 0 * shares], -1), slider).mean() == pytest.approx(expected, rel=0.03)
 
 
 def test_the_slider_is_a_rim_of_the_aberration_map():
@@ -63,7 +63,7 @@ def test_the_slider_is_a_rim_of_the_aberration_map():
 def test_the_slider_has_the_opening_that_is_traced(name):
     """Authority: which rays of a point near the corner the glass lets pass, where they cross the pupil.
 
-    Both shapes are laid on each other by their middles, in one size; at most 12 % of what either covers is of
+    Both shapes are centred on each other, in one size; at most 12 % of what either covers is of
     one alone.
     """
     lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)

@@ -68,8 +68,8 @@ def test_wavelengths_are_joined_by_straight_lines():
         transverse_aberration=transverse_aberration,
         pupil_aberration=0 * transverse_aberration,
     )
-    found = aberration_map.at(np.array([300.0, 400.0, 450.0, 600.0, 700.0, 900.0]))[0][:, 0, 0]
-    np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 2.5, 2.0, 2.0])
+    result = aberration_map.at(np.array([300.0, 400.0, 450.0, 600.0, 700.0, 900.0]))[0][:, 0, 0]
+    np.testing.assert_allclose(result, [1.0, 1.0, 2.0, 2.5, 2.0, 2.0])
     assert aberration_map.is_dispersive
     assert not single(1, 0, 0, 0.1, 0.0).is_dispersive
 

@@ -52,8 +52,8 @@ def test_no_wavelength_strays_further_than_one_of_the_ends(name):
 def test_the_curve_of_a_glass_is_the_power_of_a_single_lens():
     """Authority: the lens maker's equation, 1 / f in proportion to n - 1; light of F is refracted more."""
     index, curve = make_glass("N-SF11").index, glass_curve("N-SF11")
-    wanted = (index(F_LINE) - index(C_LINE)) / (index(MIN_WAVELENGTH) - index(MAX_WAVELENGTH))
-    assert curve(F_LINE) - curve(C_LINE) == pytest.approx(wanted)
+    expected = (index(F_LINE) - index(C_LINE)) / (index(MIN_WAVELENGTH) - index(MAX_WAVELENGTH))
+    assert curve(F_LINE) - curve(C_LINE) == pytest.approx(expected)
     assert (np.diff(curve(SPECTRUM)) < 0).all()
 
 
@@ -129,8 +129,8 @@ def test_the_axial_fringe_is_that_of_a_singlet_traced_through_its_glass(focus):
     traced = traced[:-1] - traced[-1]
     spread = traced[-1] - traced[0]
     assert spread > 0.002  # blue focuses nearer, by more than 2 pixels of 1000
-    found = ChromaticAberration(axial=100 * spread, curve=glass_curve("N-BK7")).strengths(wavelengths)[:, 0]
-    assert_allclose(found, traced, atol=0.03 * spread)
+    result = ChromaticAberration(axial=100 * spread, curve=glass_curve("N-BK7")).strengths(wavelengths)[:, 0]
+    assert_allclose(result, traced, atol=0.03 * spread)
 
 
 LENSES = catalog_names(mirrors=False)
@@ -160,10 +160,10 @@ def test_lateral_color_of_every_catalog_lens_is_held_by_the_pencil_map(lateral_c
         pupil_aberration=np.zeros_like(transverse_aberration),
     )
     field = np.stack([0 * FIELDS, FIELDS], -1)
-    found = [aberration_map(np.zeros_like(field), field, w)[0] for w in WAVELENGTHS]
+    results = [aberration_map(np.zeros_like(field), field, w)[0] for w in WAVELENGTHS]
     assert np.abs(traced).max() > 1e-4  # there is something to hold
-    assert_allclose(np.array(found)[..., 1], traced, atol=1e-6)
-    assert not np.array(found)[..., 0].any()
+    assert_allclose(np.array(results)[..., 1], traced, atol=1e-6)
+    assert not np.array(results)[..., 0].any()
 
 
 def test_lateral_color_of_every_catalog_lens_is_near_one_curve_and_one_map(lateral_color):
@@ -203,14 +203,14 @@ def test_the_lateral_slider_alone_is_the_traced_singlet():
     traced = np.array([traced_miss(lens, FIELDS, 0.0, w) - design for w in WAVELENGTHS])
     chromatic_aberration = ChromaticAberration(lateral=100 * (traced[0, -1] - traced[-1, -1]))
     field = np.stack([FIELDS, 0 * FIELDS], -1)
-    found = (
+    result = (
         chromatic_aberration.strengths(WAVELENGTHS)[:, 1:]
         * (field * chromatic_aberration.maps(field)[:, 1:])[:, 0]
     )
     assert chromatic_aberration.lateral == pytest.approx(
         -0.1, rel=0.05
     )  # its stop stands before it: red lies outwards
-    assert_allclose(found, traced, atol=2.5e-5)
+    assert_allclose(result, traced, atol=2.5e-5)
 
 
 def test_the_default_maps_are_a_change_of_focus_and_a_change_of_scale():
@@ -257,10 +257,10 @@ def test_fringes_can_be_sent_to_other_processes(name):
     sent = ChromaticAberration(
         axial=1, lateral=2, axial_map=make_field_map("square,angular:2"), curve=make_curve(name)
     )
-    found = pickle.loads(pickle.dumps(sent))
+    result = pickle.loads(pickle.dumps(sent))
     field = np.random.default_rng(2).uniform(-0.7, 0.7, (9, 2))
-    assert_allclose(found.maps(field), sent.maps(field), rtol=0)
-    assert_allclose(found.strengths(SPECTRUM), sent.strengths(SPECTRUM), rtol=0)
+    assert_allclose(result.maps(field), sent.maps(field), rtol=0)
+    assert_allclose(result.strengths(SPECTRUM), sent.strengths(SPECTRUM), rtol=0)
 
 
 def test_tensors_and_arrays_agree():

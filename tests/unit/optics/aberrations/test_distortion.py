@@ -70,8 +70,8 @@ def test_the_polynomial_is_that_of_calibrations(model):
     (k1, k2, k3), (p1, p2) = model.radial, model.decentring
     coefficients = torch.tensor([[k1, k2, p1, p2, k3]], dtype=torch.float64)
     camera = torch.eye(3, dtype=torch.float64)[None]
-    wanted = distort_points(torch.from_numpy(DISC)[None], camera, coefficients)[0]
-    assert_allclose(model.distort(DISC), wanted.numpy(), atol=1e-12)
+    expected = distort_points(torch.from_numpy(DISC)[None], camera, coefficients)[0]
+    assert_allclose(model.distort(DISC), expected.numpy(), atol=1e-12)
 
 
 @pytest.mark.parametrize("radial", [(-0.2, 0.0, 0.0), (-0.3, 0.02, 0.0), (0.2, -0.3, 0.05), (0.0, 0.0, -0.1)])

@@ -37,9 +37,9 @@ THETA = np.linspace(-3.0, 3.0, 45)
 def test_names_mean_their_formulas(text, formula):
     """Authority: formulas of Jeong et al. 2016, a number at a time, with the guards of the docstring."""
     expected = [formula(t, theta) for t, theta in zip(T, THETA, strict=True)]
-    found = make_field_map(text)
-    assert_allclose(found(T, THETA), expected, rtol=1e-12, atol=1e-14)
-    tensors = found(torch.from_numpy(T), torch.from_numpy(THETA))
+    result = make_field_map(text)
+    assert_allclose(result(T, THETA), expected, rtol=1e-12, atol=1e-14)
+    tensors = result(torch.from_numpy(T), torch.from_numpy(THETA))
     assert_allclose(tensors.numpy(), expected, rtol=1e-12, atol=1e-14)
 
 
@@ -71,7 +71,7 @@ def test_all_names_can_be_read():
     ],
 )
 def test_mistakes_are_reported_in_one_line(text, words):
-    with pytest.raises(ParameterError, match=r"^field_map: ") as told:
+    with pytest.raises(ParameterError, match=r"^field_map: ") as error:
         make_field_map(text)
-    assert words in str(told.value)
-    assert "\n" not in str(told.value)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)

@@ -114,10 +114,10 @@ def test_sums_of_tensors_are_those_of_numbers():
     rays = (4.0, -0.03), (1.5, 0.2)
     glass = (0.02, -0.5, 1.0, np.array([1.5, 1.52]))
     tensors = [tuple(torch.tensor(x, dtype=torch.float64) for x in ray) for ray in rays]
-    found = surface_sums(*tensors, *(torch.as_tensor(x, dtype=torch.float64) for x in glass))
+    sums = surface_sums(*tensors, *(torch.as_tensor(x, dtype=torch.float64) for x in glass))
     expected = surface_sums(*rays, *glass)
     for name in NAMES:
-        assert_allclose(getattr(found, name).numpy(), getattr(expected, name), **EXACT)
+        assert_allclose(getattr(sums, name).numpy(), getattr(expected, name), **EXACT)
 
 
 def test_rays_miss_by_the_gradient_of_the_wavefront():
@@ -144,8 +144,8 @@ def test_rays_miss_by_the_gradient_of_the_wavefront():
         ],
         -1,
     )
-    found = miss_of(SeidelCoefficients.from_sums(sums, lagrange).transverse_aberration(), pupil, field)
-    assert_allclose(found, -gradient / lagrange, rtol=1e-6, atol=1e-8)
+    result = miss_of(SeidelCoefficients.from_sums(sums, lagrange).transverse_aberration(), pupil, field)
+    assert_allclose(result, -gradient / lagrange, rtol=1e-6, atol=1e-8)
 
 
 def test_bend_is_the_same_with_pupil_and_field_exchanged():

@@ -18,16 +18,16 @@ ACROSS = np.array([0.8, 0.6])
 
 def transverse_aberration(pupil, field, **sliders):
     pupil = np.asarray(pupil, float)
-    found, run, passes = AberrationSliders(**sliders).aberration_map()(
+    result, run, passes = AberrationSliders(**sliders).aberration_map()(
         pupil, np.broadcast_to(field, pupil.shape)
     )
     assert_allclose(run, pupil)
     assert passes.all()
-    return found
+    return result
 
 
 def disc_radii(defocus, pupil, field, **sliders):
-    """Where rays of a light arrive, as distance from where a perfect lens sends it."""
+    """Return the distances of the rays of a light from its image by a perfect lens."""
     return np.linalg.norm(defocus * pupil + transverse_aberration(pupil, field, **sliders), axis=-1)
 
 
@@ -99,8 +99,8 @@ def test_coma_draws_a_tail_outwards_of_the_given_length_and_a_third_as_wide_to_e
 
 def test_astigmatism_leaves_a_disc_in_focus_and_draws_discs_behind_focus_around_the_middle():
     """Authority: Born and Wolf 5.3; the medial image is round."""
-    found = transverse_aberration(np.stack([CORNER, ACROSS]), CORNER, astigmatism=4.0)
-    assert_allclose(found, [0.04 * CORNER, -0.04 * ACROSS])
+    aberrations = transverse_aberration(np.stack([CORNER, ACROSS]), CORNER, astigmatism=4.0)
+    assert_allclose(aberrations, [0.04 * CORNER, -0.04 * ACROSS])
     assert_allclose(
         transverse_aberration(RIM, 0.5 * CORNER, astigmatism=4.0),
         transverse_aberration(RIM, CORNER, astigmatism=1.0),

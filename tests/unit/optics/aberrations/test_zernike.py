@@ -29,11 +29,11 @@ def test_orders_are_those_of_the_table():
 def test_values_are_those_of_the_table():
     """Noll 1976, table I: the fourth is sqrt(3) (2 r^2 - 1), the eighth sqrt(8) (3 r^3 - 2 r) cos."""
     point = 0.6 * np.array([np.cos(0.7), np.sin(0.7)])
-    found = zernike(11, point)
-    assert found[3] == pytest.approx(np.sqrt(3) * (2 * 0.36 - 1))
-    assert found[7] == pytest.approx(np.sqrt(8) * (3 * 0.6**3 - 1.2) * np.cos(0.7))
-    assert found[8] == pytest.approx(np.sqrt(8) * 0.6**3 * np.sin(2.1))
-    assert found[10] == pytest.approx(np.sqrt(5) * (6 * 0.6**4 - 6 * 0.36 + 1))
+    result = zernike(11, point)
+    assert result[3] == pytest.approx(np.sqrt(3) * (2 * 0.36 - 1))
+    assert result[7] == pytest.approx(np.sqrt(8) * (3 * 0.6**3 - 1.2) * np.cos(0.7))
+    assert result[8] == pytest.approx(np.sqrt(8) * 0.6**3 * np.sin(2.1))
+    assert result[10] == pytest.approx(np.sqrt(5) * (6 * 0.6**4 - 6 * 0.36 + 1))
 
 
 def test_they_are_orthonormal():

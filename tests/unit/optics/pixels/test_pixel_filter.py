@@ -48,12 +48,12 @@ def test_integrals_are_those_of_quadrature(name, width):
     running = np.cumsum(parts) / parts.sum()
     pixel_filter = PixelFilter(name, width)
     np.testing.assert_allclose(pixel_filter.cumulative(x + step / 2), running, atol=3e-4)
-    wanted = running.reshape(5, -1)[:, -1] - np.append(0, running.reshape(5, -1)[:-1, -1])
+    expected = running.reshape(5, -1)[:, -1] - np.append(0, running.reshape(5, -1)[:-1, -1])
     weights = pixel_filter.weights()
     outer = (5 - len(weights)) // 2
-    inside = wanted[outer : 5 - outer]
+    inside = expected[outer : 5 - outer]
     np.testing.assert_allclose(weights, inside / inside.sum(), atol=3e-4)
-    assert abs(wanted[:outer]).sum() < 0.02
+    assert abs(expected[:outer]).sum() < 0.02
 
 
 @pytest.mark.parametrize("factor", [2, 3, 4])
@@ -63,8 +63,8 @@ def test_integrals_are_those_of_quadrature(name, width):
 def test_weights_of_finer_pixels_are_the_filter_at_their_middles(name, width, factor):
     weights = PixelFilter(name, width).fine_weights(factor)
     middles = (np.arange(len(weights)) - (len(weights) - 1) / 2) / factor
-    wanted = published(name, width, middles)
-    np.testing.assert_allclose(weights, wanted / wanted.sum(), atol=1e-12)
+    expected = published(name, width, middles)
+    np.testing.assert_allclose(weights, expected / expected.sum(), atol=1e-12)
     one_further = published(name, width, middles[-1] + 1 / factor)
     assert abs(one_further) < 1e-12
 
@@ -79,7 +79,7 @@ def test_narrow_filters_weigh_finer_pixels_too(name, factor):
 
 
 def test_the_filter_of_blender_over_its_pixels():
-    """What the quadrature of the window over [-1.5, 1.5] gives, to four digits."""
+    """Authority: quadrature of the window over [-1.5, 1.5], to four digits."""
     np.testing.assert_allclose(parse_pixel_filter("blender").weights(), [0.1186, 0.7628, 0.1186], atol=5e-5)
     assert parse_pixel_filter("cycles") == DEFAULT_FILTER
 

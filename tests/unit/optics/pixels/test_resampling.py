@@ -15,9 +15,9 @@ def grid(height, width):
 
 def test_in_the_middle_of_pixels_every_bit_is_kept():
     image = (100 * RNG.random((7, 9, 3)) ** 8).astype(np.float32)
-    found = sample(image, grid(7, 9))
-    assert found.dtype == np.float32
-    assert_array_equal(found, image)
+    samples = sample(image, grid(7, 9))
+    assert samples.dtype == np.float32
+    assert_array_equal(samples, image)
 
 
 def test_rising_parabolas_are_exact():
@@ -25,18 +25,18 @@ def test_rising_parabolas_are_exact():
     x, y = np.moveaxis(grid(20, 24), -1, 0)
     curve = lambda x, y: 3 + 0.2 * x + 0.05 * x * x + 0.1 * y + 0.02 * y * y  # noqa: E731
     places = RNG.uniform(2, 16, (100, 2))
-    found = sample(curve(x, y)[..., None], places)
-    assert_allclose(found[:, 0], curve(places[:, 0], places[:, 1]), rtol=1e-12)
+    samples = sample(curve(x, y)[..., None], places)
+    assert_allclose(samples[:, 0], curve(places[:, 0], places[:, 1]), rtol=1e-12)
 
 
 def test_a_lamp_draws_no_ring():
     """Within the range of the four pixels around, so never below 0."""
     image = np.zeros((9, 9, 1))
     image[4, 4] = 1000
-    found = sample(image, grid(9, 9) + np.array([0.3, -0.4]))
-    assert found.min() == 0
-    assert found.max() <= 1000
-    assert_array_equal(np.argwhere(found[..., 0] > 0), [[4, 3], [4, 4], [5, 3], [5, 4]])
+    samples = sample(image, grid(9, 9) + np.array([0.3, -0.4]))
+    assert samples.min() == 0
+    assert samples.max() <= 1000
+    assert_array_equal(np.argwhere(samples[..., 0] > 0), [[4, 3], [4, 4], [5, 3], [5, 4]])
 
 
 def test_the_border_is_repeated_with_a_notice():
@@ -50,9 +50,9 @@ def test_the_border_is_repeated_with_a_notice():
 def test_a_batch_is_pictures_one_by_one():
     images = torch.from_numpy(RNG.random((2, 6, 7, 3)))
     places = torch.from_numpy(RNG.uniform(-1, 7, (4, 5, 2)))
-    found = sample(images, places)
-    assert found.shape == (2, 4, 5, 3)
-    for one, image in zip(found, images, strict=True):
+    samples = sample(images, places)
+    assert samples.shape == (2, 4, 5, 3)
+    for one, image in zip(samples, images, strict=True):
         assert_allclose(one.numpy(), sample(image.numpy(), places.numpy()), atol=1e-14)
 
 

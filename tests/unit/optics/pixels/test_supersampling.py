@@ -26,7 +26,7 @@ def test_reduction_is_a_weighted_mean(factor, pixel_filter):
     assert weights.sum() == pytest.approx(1)
     np.testing.assert_allclose(weights, weights[::-1], atol=1e-12)
     beyond = (len(weights) - factor) // 2
-    found = downsample(fine, factor, pixel_filter)
+    result = downsample(fine, factor, pixel_filter)
     for y in range(5):
         for x in range(4):
             total, light = 0.0, np.zeros(2)
@@ -35,7 +35,7 @@ def test_reduction_is_a_weighted_mean(factor, pixel_filter):
                     if 0 <= v < 5 * factor and 0 <= u < 4 * factor:
                         total += weights[i] * weights[j]
                         light += weights[i] * weights[j] * fine[v, u]
-            np.testing.assert_allclose(found[y, x], light / total, atol=1e-6)
+            np.testing.assert_allclose(result[y, x], light / total, atol=1e-6)
 
 
 def test_the_filter_is_that_of_blender():
@@ -46,5 +46,5 @@ def test_the_filter_is_that_of_blender():
 
 def test_plain_means_take_the_pixel_alone():
     fine = np.random.default_rng(0).random((6, 8), dtype=np.float32)
-    wanted = fine.reshape(3, 2, 4, 2).mean((1, 3))
-    np.testing.assert_allclose(downsample(fine, 2, PixelFilter("box", 1)), wanted, atol=1e-7)
+    expected = fine.reshape(3, 2, 4, 2).mean((1, 3))
+    np.testing.assert_allclose(downsample(fine, 2, PixelFilter("box", 1)), expected, atol=1e-7)

@@ -37,9 +37,9 @@ def test_a_layer_reflects_as_its_transfer_matrix(wavelength):
     for before, behind in ((1.0, 1.7), (1.7, 1.0)):
         cosine = np.sqrt(1 - (1 - COSINES**2) / before**2)
         for coating, film in (("single", 1.38), ("ideal", np.sqrt(1.7))):
-            found = reflectance(before, behind, cosine, wavelength, coating)
+            result = reflectance(before, behind, cosine, wavelength, coating)
             np.testing.assert_allclose(
-                found, by_matrix(before, film, behind, cosine, wavelength), rtol=1e-9, atol=1e-15
+                result, by_matrix(before, film, behind, cosine, wavelength), rtol=1e-9, atol=1e-15
             )
 
 

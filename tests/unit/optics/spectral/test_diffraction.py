@@ -45,13 +45,13 @@ def from_pupil(aperture, radius, unit, count, width=6.0, size=1024):
 )
 def test_rings_are_those_of_the_defocused_pupil(aperture, radius):
     """Normalised correlation 0.98, and of the rings alone, without the disc of rays, too."""
-    found, disc = ring_kernel(aperture, radius, 0.4), disc_kernel(aperture, radius)
-    wanted = from_pupil(aperture, radius, 0.4, len(found))
-    assert found.sum((0, 1)) == pytest.approx(1)
+    result, disc = ring_kernel(aperture, radius, 0.4), disc_kernel(aperture, radius)
+    expected = from_pupil(aperture, radius, 0.4, len(result))
+    assert result.sum((0, 1)) == pytest.approx(1)
     assert disc.sum() == pytest.approx(1)
     for channel in range(3):
-        assert correlation(found[..., channel], wanted[..., channel]) > 0.98
-        rings = (kernel[..., channel] - disc for kernel in (found, wanted))
+        assert correlation(result[..., channel], expected[..., channel]) > 0.98
+        rings = (kernel[..., channel] - disc for kernel in (result, expected))
         assert correlation(*rings) > 0.98
 
 
@@ -71,14 +71,14 @@ def test_a_round_opening_has_the_pattern_of_airy():
     axis = np.arange(-half, half + 1)
     radius = np.hypot(axis[:, None], axis)
     angle = (np.arange(400) + 0.5) * np.pi / 400
-    wanted = np.zeros((*radius.shape, 3))
+    expected = np.zeros((*radius.shape, 3))
     for wavelength, weight in zip(WAVELENGTHS, WEIGHTS, strict=True):
         v = np.linspace(1e-6, np.pi * radius.max() / (unit * wavelength / 1000), 2000)
         bessel = np.cos(angle[:, None] - v * np.sin(angle[:, None])).mean(0)
         airy = np.interp(radius, v * unit * wavelength / 1000 / np.pi, (2 * bessel / v) ** 2)
-        wanted += (airy / airy.sum())[..., None] * weight
+        expected += (airy / airy.sum())[..., None] * weight
     for channel in range(3):
-        assert correlation(star[..., channel], wanted[..., channel]) > 0.999
+        assert correlation(star[..., channel], expected[..., channel]) > 0.999
     assert star.sum((0, 1)) == pytest.approx(1)
 
 
@@ -107,11 +107,11 @@ def test_stars_are_those_of_the_polygon(blades):
     corners = np.stack([np.cos(angle), np.sin(angle)], -1) / 2  # in diameters, an edge on the left
     fine = (np.arange((2 * half + 1) * cells) + 0.5) / cells - half - 0.5 + 1e-7
     places = np.stack(np.meshgrid(fine, fine), -1)
-    wanted = np.zeros_like(star)
+    expected = np.zeros_like(star)
     for wavelength, weight in zip(WAVELENGTHS, WEIGHTS, strict=True):
         power = polygon_power(corners, places / (unit * wavelength / 1000))
         power = power.reshape(2 * half + 1, cells, 2 * half + 1, cells).mean((1, 3))
-        wanted += (power / power.sum())[..., None] * weight
+        expected += (power / power.sum())[..., None] * weight
     for channel in range(3):
-        assert correlation(star[..., channel], wanted[..., channel]) > 0.999
-        assert correlation(star[..., channel] ** 0.25, wanted[..., channel] ** 0.25) > 0.98
+        assert correlation(star[..., channel], expected[..., channel]) > 0.999
+        assert correlation(star[..., channel] ** 0.25, expected[..., channel] ** 0.25) > 0.98

@@ -9,8 +9,8 @@ from bokehnet.optics.spectral.wavelength_clusters import cluster_colors, reduced
 
 
 def test_each_cluster_has_one_wavelength_in_each_stratum():
-    made = stratified_clusters(64, 8, np.random.default_rng(0))
-    stratum = (made - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH) * 8
+    result = stratified_clusters(64, 8, np.random.default_rng(0))
+    stratum = (result - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH) * 8
     assert (stratum.astype(int) == np.arange(8)).all()
     # All clusters together are stratified in each stratum, too.
     assert (np.sort((stratum % 1 * 64).astype(int), 0) == np.arange(64)[:, None]).all()

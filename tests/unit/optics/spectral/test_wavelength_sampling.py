@@ -34,7 +34,7 @@ def exact_means(gains, function):
 @pytest.mark.parametrize("dispersion", ["continuous", "rgb"])
 @pytest.mark.parametrize("count", COUNTS)
 def test_white_stays_white(gains, dispersion, count):
-    """What shows no fringe keeps its colour, whatever the equaliser."""
+    """Light without fringes keeps its colour with any equaliser."""
     wavelengths, weights = WavelengthSampling(dispersion=dispersion, equaliser=gains).sample(count)
     assert wavelengths.shape == (count,)
     assert weights.shape == (count, 3)
@@ -55,8 +55,8 @@ def test_means_are_those_of_the_spectrum(gains, count):
             1.3,
         ),
     ):
-        found = (weights * function(wavelengths)[:, None]).mean(0)
-        assert_allclose(found, exact_means(gains, function), atol=factor * np.log(count) / count)
+        result = (weights * function(wavelengths)[:, None]).mean(0)
+        assert_allclose(result, exact_means(gains, function), atol=factor * np.log(count) / count)
 
 
 @pytest.mark.parametrize("gains", EQUALISERS)
@@ -66,11 +66,11 @@ def test_each_channel_is_cumulated_as_in_the_spectrum(gains, count):
     wavelengths, weights = WavelengthSampling(equaliser=gains).sample(count)
     order = np.argsort(wavelengths)
     for channel in range(3):
-        found = np.cumsum(weights[order, channel]) / count
+        result = np.cumsum(weights[order, channel]) / count
         light = np.maximum(wavelength_color(FINE)[:, channel], 0) * [gain_at(gains, x) for x in FINE]
         exact = np.interp(wavelengths[order], FINE + 0.05, np.cumsum(light) / light.sum())
-        before = found - weights[order, channel] / count
-        discrepancy = max(np.abs(found - exact).max(), np.abs(before - exact).max())
+        before = result - weights[order, channel] / count
+        discrepancy = max(np.abs(result - exact).max(), np.abs(before - exact).max())
         assert discrepancy < 2 * np.log(count) / count
 
 
@@ -80,9 +80,9 @@ def test_every_run_of_a_long_draw_is_well_spread(gains):
     wavelengths, weights = WavelengthSampling(equaliser=gains).sample(9216)
     runs = weights.reshape(144, 64, 3)
     tilt = (wavelengths.reshape(144, 64, 1) - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH)
-    found = (runs * tilt).sum(1) / runs.sum(1)
+    result = (runs * tilt).sum(1) / runs.sum(1)
     exact = exact_means(gains, lambda x: (x - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH))
-    assert np.abs(found - exact).max() < 0.03
+    assert np.abs(result - exact).max() < 0.03
     assert_allclose(runs.mean(1), 1, atol=0.12)
 
 
@@ -91,8 +91,8 @@ def test_the_wavelengths_of_rgb_are_the_means_of_the_channels():
     for gains in EQUALISERS:
         wavelengths, weights = WavelengthSampling(dispersion="rgb", equaliser=gains).sample(64)
         assert len(np.unique(wavelengths)) == 3
-        found = (weights * wavelengths[:, None]).mean(0)
-        assert_allclose(found, exact_means(gains, lambda x: x), atol=0.05)
+        result = (weights * wavelengths[:, None]).mean(0)
+        assert_allclose(result, exact_means(gains, lambda x: x), atol=0.05)
         assert ((weights > 0).sum(1) == 1).all()
 
 

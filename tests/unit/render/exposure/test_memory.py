@@ -1,4 +1,4 @@
-"""A bound of the memory that is too small is told before anything is read."""
+"""A memory bound that is too small is reported before anything is read."""
 
 import re
 from dataclasses import replace
@@ -31,11 +31,11 @@ def test_the_minimum_that_is_stated_is_enough(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
-    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
+    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as error:
         check_memory("photo.png", bounded(10**8))
-    found = re.search(r"at least (\d+) MB for 60x40 pixels", str(told.value))
-    assert found is not None
-    settings = bounded(int(found[1]) * 10**6)
+    match = re.search(r"at least (\d+) MB for 60x40 pixels", str(error.value))
+    assert match is not None
+    settings = bounded(int(match[1]) * 10**6)
     check_memory("photo.png", settings)
     result = BokehRenderer("rays").render(read_scene("photo.png", settings), settings)
     assert result.bokeh.shape == (40, 60, 3)
@@ -74,7 +74,7 @@ def test_the_minimum_grows_with_the_picture_and_the_request():
     ],
 )
 def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
-    """Authority: the least that the engine itself tells once the picture is there, of 400x3000 pixels."""
+    """Authority: the minimum that the engine itself reports once the picture is there, of 400x3000 pixels."""
     settings = bounded(1, depth={"repair": "off"}, **look)
     height, width = 3000, 400
     least = min_memory(settings, "rays", width, height)
@@ -87,21 +87,21 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
     glass = picture_aberrations(settings.lens, focused, window)
     if glass is not None:
         response = replace(response, aberration_map=response.aberration_map + glass)
-    taken = PROGRAM + 16 * height * width
-    with pytest.raises(ParameterError) as told:
+    selected = PROGRAM + 16 * height * width
+    with pytest.raises(ParameterError) as error:
         engine.render(
             np.ones((height, width, 3), np.float32),
             defocus,
-            options=RenderOptions(lens_response=response, max_memory=taken, memory_in_use=taken),
+            options=RenderOptions(lens_response=response, max_memory=selected, memory_in_use=selected),
         )
-    found = re.search(r"at least (\d+) MB", str(told.value))
-    assert found is not None
-    assert int(found[1]) == np.ceil(least / 1e6)
+    match = re.search(r"at least (\d+) MB", str(error.value))
+    assert match is not None
+    assert int(match[1]) == np.ceil(least / 1e6)
 
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch):
-    """The least that is told is enough to render with; without alpha it is less."""
+    """The reported minimum is enough to render with; without alpha it is less."""
     monkeypatch.chdir(tmp_path)
     height, width = 1500, 60
     rgba = np.full((height, width, 4), 0.25, np.float32)
@@ -109,14 +109,14 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
     write_exr("shot.exr", {"channels": {name: ("float", rgba[..., i]) for i, name in enumerate("RGBA")}})
     write_map("map.png", np.linspace(0, 1, height * width).reshape(height, width))
 
-    def told(size):
+    def bounded_to(size):
         return bounded(size, depth={"repair": "off", "as_stored": True}).updated({"engine": {"name": engine}})
 
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
-        check_memory("shot.exr", told(10**8))
-    found = re.search(r"at least (\d+) MB", str(refused.value))
-    assert found is not None
-    settings = told(int(found[1]) * 10**6)
+        check_memory("shot.exr", bounded_to(10**8))
+    match = re.search(r"at least (\d+) MB", str(refused.value))
+    assert match is not None
+    settings = bounded_to(int(match[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
     assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)
 

@@ -1,4 +1,4 @@
-"""Where depth comes from: arrays and files must say the same."""
+"""Depth sources: arrays and files must agree."""
 
 import dataclasses
 import math
@@ -33,7 +33,7 @@ BYTES = np.tile(np.linspace(0, 255, 16).astype(np.uint8), (12, 1))
 
 @pytest.fixture
 def shown(photo):
-    """What a source is asked about: an array without a file."""
+    """Return a picture for a depth source: an array without a file."""
     return Photo(image=photo, window=Window.whole(64, 40))
 
 
@@ -55,7 +55,7 @@ def both(path, values, shown, make):
 
 
 @pytest.mark.parametrize(
-    ("options", "wanted"),
+    ("options", "expected"),
     [
         ({}, lambda raw: (raw + 500) / 3000),
         ({"invert": True}, lambda raw: 1 - (raw + 500) / 3000),
@@ -63,26 +63,28 @@ def both(path, values, shown, make):
         ({"value_range": (1000, 0), "invert": True}, lambda raw: raw / 1000),
     ],
 )
-def test_relative_disparity(folder, write_channels, steps, shown, options, wanted):
+def test_relative_disparity(folder, write_channels, steps, shown, options, expected):
     raw = 3000 * steps - 500
     write_channels("raw.exr", Y=raw)
-    found = both("raw.exr", raw, shown, lambda given: RelativeDisparity(map=given, **options))
-    assert (found.kind, found.origin, found.camera) == ("relative", "input.disparity", None)
-    assert_allclose(found.values, wanted(raw.astype(np.float64)), atol=1e-6)
+    result = both("raw.exr", raw, shown, lambda arguments: RelativeDisparity(map=arguments, **options))
+    assert (result.kind, result.origin, result.camera) == ("relative", "input.disparity", None)
+    assert_allclose(result.values, expected(raw.astype(np.float64)), atol=1e-6)
 
 
 def test_relative_disparity_that_is_flat_keeps_its_value(folder, write_channels, shown):
     for value, kept in ((0.3, 0.3), (7, 1), (-7, 0)):
         flat = np.full((40, 64), value, np.float32)
         write_channels("flat.exr", Y=flat)
-        found = both("flat.exr", flat, shown, lambda given: RelativeDisparity(map=given))
-        assert_allclose(found.values, kept)
+        result = both("flat.exr", flat, shown, lambda arguments: RelativeDisparity(map=arguments))
+        assert_allclose(result.values, kept)
 
 
 def test_disparity_as_it_is_stored_is_not_stretched(folder, write_channels, steps, shown):
     write_channels("half.exr", Y=0.5 * steps)
-    found = both("half.exr", 0.5 * steps, shown, lambda given: RelativeDisparity(map=given, as_stored=True))
-    assert_array_equal(found.values, 0.5 * steps)
+    result = both(
+        "half.exr", 0.5 * steps, shown, lambda arguments: RelativeDisparity(map=arguments, as_stored=True)
+    )
+    assert_array_equal(result.values, 0.5 * steps)
     write_channels("beyond.exr", Y=2 * steps)
     with pytest.raises(
         ImageFileError, match=r"beyond.exr: expected stored disparity in 0..1.*found 0 to 2; set"
@@ -99,10 +101,10 @@ def test_metric_depth_in_every_unit(folder, write_channels, steps, shown, unit):
         metres = 1 / steps
     stored = steps if unit == "1/m" else (metres / METRES[unit]).astype(np.float32)
     write_channels("z.exr", Z=stored)
-    found = both("z.exr", stored, shown, lambda given: MetricDepth(map=given, unit=unit))
-    assert (found.kind, found.origin) == ("metric", "input.depth")
-    assert found.filtered == ("disparity" if unit == "1/m" else "depth")
-    assert_allclose(found.values, steps / 1000, rtol=1e-6)
+    result = both("z.exr", stored, shown, lambda arguments: MetricDepth(map=arguments, unit=unit))
+    assert (result.kind, result.origin) == ("metric", "input.depth")
+    assert result.filtered == ("disparity" if unit == "1/m" else "depth")
+    assert_allclose(result.values, steps / 1000, rtol=1e-6)
 
 
 def test_the_camera_of_an_array_is_the_one_that_is_given(photo, steps):
@@ -124,12 +126,12 @@ def test_the_map_inside_a_photo(folder, relative, units):
     held = EmbeddedDepth(map=read_phone_depth("portrait.jpg"), relative=relative)
     from_array = make_scene(picture, held).depth
     assert_array_equal(from_file.values, from_array.values)
-    wanted = "relative" if (units is None if relative is None else relative) else "metric"
-    assert from_file.kind == from_array.kind == wanted
+    expected = "relative" if (units is None if relative is None else relative) else "metric"
+    assert from_file.kind == from_array.kind == expected
     assert from_file.fits_any_size
     assert from_file.focus is from_array.focus is None  # no focus in the file: the subject decides
     disparity = 1 - BYTES / 255  # RangeInverse: linear in 1/distance, 0 is near
-    if wanted == "relative":
+    if expected == "relative":
         assert_allclose(from_file.values, disparity, atol=0.01)
     elif units == "m":
         assert_allclose(from_file.values, (0.5 + disparity * 1.5) / 1000, atol=1e-5)
@@ -173,16 +175,16 @@ def test_a_constant_is_everywhere(photo):
 def test_a_defocus_map_is_taken_as_it_is(folder, write_channels, steps, shown):
     radii = 40 * steps - 12
     write_channels("defocus.exr", Y=radii)
-    found = both("defocus.exr", radii, shown, lambda given: DefocusMap(map=given))
-    assert (found.kind, found.origin) == ("defocus", "input.defocus")
-    assert_array_equal(found.values, radii)
+    result = both("defocus.exr", radii, shown, lambda arguments: DefocusMap(map=arguments))
+    assert (result.kind, result.origin) == ("defocus", "input.defocus")
+    assert_array_equal(result.values, radii)
 
 
 def test_a_channel_is_picked(folder, shown, steps):
     with np.errstate(divide="ignore"):
         far = 1 / steps + 2
-    found = MetricDepth(map="depth.exr", channel="far").depth_map(shown).values
-    assert_allclose(found, 1 / (1000 * far), rtol=1e-6)
+    result = MetricDepth(map="depth.exr", channel="far").depth_map(shown).values
+    assert_allclose(result, 1 / (1000 * far), rtol=1e-6)
     for make in (MetricDepth, DefocusMap, RelativeDisparity):
         with pytest.raises(ImageFileError, match="no channel 'Q'"):
             make(map="depth.exr", channel="Q").depth_map(shown)
@@ -190,7 +192,7 @@ def test_a_channel_is_picked(folder, shown, steps):
 
 @pytest.mark.parametrize("make", [RelativeDisparity, MetricDepth, DefocusMap])
 @pytest.mark.parametrize(
-    ("given", "kind"),
+    ("arguments", "kind"),
     [
         (np.ones((4, 4, 3), np.float32), ShapeError),
         (np.ones(4, np.float32), ShapeError),
@@ -208,11 +210,11 @@ def test_a_channel_is_picked(folder, shown, steps):
         ("photo.toml", ImageFileError),
     ],
 )
-def test_an_invalid_map_is_reported(folder, shown, make, given, kind):
+def test_an_invalid_map_is_reported(folder, shown, make, arguments, kind):
     (folder / "empty.png").touch()
     (folder / "photo.toml").write_text("hello")
     with pytest.raises(kind) as caught:
-        make(map=given).depth_map(shown)
+        make(map=arguments).depth_map(shown)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
 
@@ -222,9 +224,9 @@ def test_invalid_values_of_a_map_are_reported_with_their_position(folder, write_
         depth = np.full((40, 64), 2, np.float32)
         depth[3, 7] = value
         write_channels("bad.exr", Z=depth)
-        for given in (depth, "bad.exr"):
+        for original in (depth, "bad.exr"):
             with pytest.raises(ImageFileError, match="x=7, y=3"):
-                MetricDepth(map=given).depth_map(shown)
+                MetricDepth(map=original).depth_map(shown)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +250,7 @@ def test_a_source_without_an_answer_reports_the_reason(folder, shown, source, ki
 
 
 @pytest.mark.parametrize(
-    ("settings", "wanted"),
+    ("settings", "expected"),
     [
         ({}, EmbeddedDepth(relative=False)),
         ({"camera": CameraSettings(blur=5)}, EmbeddedDepth(relative=True)),
@@ -284,11 +286,11 @@ def test_a_source_without_an_answer_reports_the_reason(folder, shown, source, ki
         ({"input": InputSettings(constant_disparity=0.5)}, (0.5,)),
     ],
 )
-def test_settings_select_the_source_and_pass_all_values(settings, wanted):
-    found = depth_source(RenderSettings(**settings))
-    if isinstance(wanted, EmbeddedDepth):
-        assert (type(found), found.map, found.relative) == (EmbeddedDepth, None, wanted.relative)
+def test_settings_select_the_source_and_pass_all_values(settings, expected):
+    result = depth_source(RenderSettings(**settings))
+    if isinstance(expected, EmbeddedDepth):
+        assert (type(result), result.map, result.relative) == (EmbeddedDepth, None, expected.relative)
         return
-    values = tuple(getattr(found, field.name) for field in dataclasses.fields(found))
+    values = tuple(getattr(result, field.name) for field in dataclasses.fields(result))
     values = tuple(str(value) if hasattr(value, "parts") else value for value in values)
-    assert values == wanted
+    assert values == expected

@@ -52,8 +52,8 @@ def test_a_blurred_curtain_shows_the_wall_behind_it():
     for inside in (2, 4, 6):  # pixels left of the edge
         t = (inside - 0.5) / radius
         past = (math.acos(t) - t * math.sqrt(1 - t * t)) / math.pi
-        wanted = (1 - past) * 0.5 + past * 1.0  # the wall is in focus, and red there
-        assert seen[EDGE - inside] == pytest.approx(wanted, abs=0.03)
+        expected = (1 - past) * 0.5 + past * 1.0  # the wall is in focus, and red there
+        assert seen[EDGE - inside] == pytest.approx(expected, abs=0.03)
     guessed = make_scene(flattened(layers)[0], LayeredDepth(layers=layers))
     guessed = replace(guessed, depth=replace(guessed.depth, layers=None))
     assert BokehRenderer("rays").render(guessed, SETTINGS).bokeh[HEIGHT // 2, EDGE - 2, 0] < 0.4
@@ -62,11 +62,11 @@ def test_a_blurred_curtain_shows_the_wall_behind_it():
 def test_a_layered_file_gives_what_its_arrays_give(tmp_path):
     pictures, depths = curtain()
     layered_file(tmp_path / "layers.exr", pictures, depths)
-    told = replace(SETTINGS, input=InputSettings(layers=tmp_path / "layers.exr"))
-    scene = read_scene(tmp_path / "layers.exr", told)
+    message = replace(SETTINGS, input=InputSettings(layers=tmp_path / "layers.exr"))
+    scene = read_scene(tmp_path / "layers.exr", message)
     layers = make_layers(pictures, depths)
     from_arrays = make_scene(flattened(layers)[0], LayeredDepth(layers=layers))
-    first, second = (BokehRenderer("rays").render(each, told).bokeh for each in (scene, from_arrays))
+    first, second = (BokehRenderer("rays").render(each, message).bokeh for each in (scene, from_arrays))
     np.testing.assert_allclose(first, second, atol=1e-5)
 
 
@@ -88,7 +88,7 @@ def test_strips_see_the_layers_of_the_whole():
 
 def test_holes_lie_at_no_depth():
     pictures, depths = curtain()
-    depths[0][:, EDGE:] = np.nan  # where nothing is, nothing is asked
+    depths[0][:, EDGE:] = np.nan  # pixels without a surface have no depth
     layers = make_layers(pictures, depths)
     assert np.isfinite(layers.values).all()
     assert flattened(layers)[1][0, -1] == pytest.approx(1 / 4000)

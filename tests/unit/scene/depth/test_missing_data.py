@@ -97,9 +97,9 @@ def test_a_far_plane_of_zeros_is_data():
 
 
 def test_doubtful_zeros_are_reported_with_invert():
-    found = find_missing_disparity(np.where(DISC, 0, 1).astype(np.float32), None, invert=True, no_data=None)
-    assert not found.mask.any()
-    assert f"{DISC.sum()} pixels of the map are 0 and count as nearest" in found.notes[0]
+    result = find_missing_disparity(np.where(DISC, 0, 1).astype(np.float32), None, invert=True, no_data=None)
+    assert not result.mask.any()
+    assert f"{DISC.sum()} pixels of the map are 0 and count as nearest" in result.notes[0]
 
 
 def test_a_named_number_is_no_data():

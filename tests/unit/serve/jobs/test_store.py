@@ -31,21 +31,21 @@ def test_a_job_is_claimed_by_one_and_in_order(store, tmp_path):
 def test_many_at_once_never_claim_the_same(tmp_path):
     store = JobStore(tmp_path, max_unfinished=60, keep=100.0)
     jobs = {submit(store)[0] for _ in range(40)}
-    found, lock = [], threading.Lock()
+    results, lock = [], threading.Lock()
 
     def claim():
         mine = JobStore(tmp_path, max_unfinished=60, keep=100.0)
         while (claim := mine.claim()) is not None:
             with lock:
-                found.append(claim.job)
+                results.append(claim.job)
 
     threads = [threading.Thread(target=claim) for _ in range(6)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 40
-    assert set(found) == jobs
+    assert len(results) == 40
+    assert set(results) == jobs
 
 
 def test_a_job_has_one_outcome(store):

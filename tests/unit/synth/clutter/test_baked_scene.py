@@ -61,10 +61,10 @@ def test_pictures_are_those_of_the_plane_renderer(scenes):
     """Authority: the torch renderer of planes, whose cards fade over their outermost texel."""
     baked, planes = scenes
     camera = Camera(lens=LENS, width=48, height=48, pixel_pitch=PITCH)
-    theirs = render_bokeh(planes, camera, 1024, 1).numpy()
-    ours = baked.render(LENS, view(1024))
-    assert psnr(ours, theirs, np.s_[:]) > 36
-    inside = np.abs(ours - theirs).max(-1) < 0.2  # only the card's rim may differ
+    reference = render_bokeh(planes, camera, 1024, 1).numpy()
+    result = baked.render(LENS, view(1024))
+    assert psnr(result, reference, np.s_[:]) > 36
+    inside = np.abs(result - reference).max(-1) < 0.2  # only the card's rim may differ
     assert inside.mean() > 0.97
     sharp = render_all_in_focus(planes, camera, 256, 2).numpy()
     assert np.median(np.abs(baked.render(LENS, view(256), pupil=False) - sharp)) < 0.01

@@ -30,7 +30,7 @@ def test_moved_turns_before_it_shifts():
     assert top.points[..., 0].mean() == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("thing", sorted({*SOLID, *THIN, *FOREGROUND}, key=lambda made: made.__name__))
+@pytest.mark.parametrize("thing", sorted({*SOLID, *THIN, *FOREGROUND}, key=lambda result: result.__name__))
 def test_objects_stand_on_the_ground_with_the_drawn_materials(thing):
     for seed in range(10):
         rng = np.random.default_rng(seed)

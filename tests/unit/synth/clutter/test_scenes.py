@@ -99,8 +99,8 @@ def test_processes_give_the_bytes_of_one_process(config, tmp_path):
 def test_lamps_and_places_follow_the_recipe(config):
     for probability in (0.0, 1.0):
         recipe = dataclasses.replace(config.clutter, lamp_probability=probability)
-        made = dataclasses.replace(config, clutter=recipe)
-        scenes = [random_clutter(np.random.default_rng(seed), made) for seed in range(2)]
+        result = dataclasses.replace(config, clutter=recipe)
+        scenes = [random_clutter(np.random.default_rng(seed), result) for seed in range(2)]
         assert all(bool(scene.lamps) == bool(probability) for scene in scenes)
     with pytest.raises(ParameterError, match="at least one weight"):
         ClutterConfig(places=(0.0, 0.0, 0.0))

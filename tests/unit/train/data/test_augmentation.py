@@ -56,17 +56,17 @@ def test_rounded_growth_is_by_a_cross_and_a_square_in_turn():
     """Oracle: scipy's grey dilation."""
     array, tensor = noise()
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], bool)
-    wanted = grey_dilation(array, footprint=cross, mode="nearest")
-    wanted = grey_dilation(wanted, footprint=np.ones((3, 3), bool), mode="nearest")
-    wanted = grey_dilation(wanted, footprint=cross, mode="nearest")
-    assert_array_equal(augmentation._grow(tensor, 3, rounded=True)[0, 0], wanted)
+    expected = grey_dilation(array, footprint=cross, mode="nearest")
+    expected = grey_dilation(expected, footprint=np.ones((3, 3), bool), mode="nearest")
+    expected = grey_dilation(expected, footprint=cross, mode="nearest")
+    assert_array_equal(augmentation._grow(tensor, 3, rounded=True)[0, 0], expected)
 
 
 def test_blur_is_a_gaussian():
     """Oracle: scipy's filter, cut off at the same place."""
     array, tensor = noise()
-    wanted = gaussian_filter(array, 1.4, mode="nearest", radius=5)
-    assert_allclose(augmentation._blur(tensor, 1.4)[0, 0], wanted, atol=1e-6)
+    expected = gaussian_filter(array, 1.4, mode="nearest", radius=5)
+    assert_allclose(augmentation._blur(tensor, 1.4)[0, 0], expected, atol=1e-6)
 
 
 def test_a_shift_takes_each_value_from_its_own_way_off():
@@ -76,6 +76,6 @@ def test_a_shift_takes_each_value_from_its_own_way_off():
     shifted = augmentation._shift(tensor, 2.0, rng)[0, 0]
     way = 2.0 * augmentation._smooth_noise((40, 50), 2, float(same.uniform(24, 96)), same)[0].numpy()
     y, x = np.mgrid[:40, :50]
-    wanted = map_coordinates(array, [y + way[1], x + way[0]], order=1, mode="nearest")
+    expected = map_coordinates(array, [y + way[1], x + way[0]], order=1, mode="nearest")
     assert np.abs(way).max() > 1
-    assert_allclose(shifted, wanted, atol=3e-5)
+    assert_allclose(shifted, expected, atol=3e-5)

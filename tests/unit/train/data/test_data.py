@@ -55,9 +55,9 @@ def test_a_prepared_set_of_an_earlier_version_is_read(tiny_pairs, tiny_prepared,
     """Its description calls augmented examples spoilt."""
     folder = tmp_path / "old"
     shutil.copytree(tiny_prepared, folder)
-    told = json.loads((folder / DESCRIPTION).read_text())
-    told["config"]["spoilt"] = told["config"].pop("augmented")
-    (folder / DESCRIPTION).write_text(json.dumps(told))
+    summary = json.loads((folder / DESCRIPTION).read_text())
+    summary["config"]["spoilt"] = summary["config"].pop("augmented")
+    (folder / DESCRIPTION).write_text(json.dumps(summary))
     assert PreparedSet(folder).per_view == 2
     prepare(PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2), folder)  # nothing is missing
 
@@ -66,13 +66,13 @@ def test_preparing_goes_on_where_it_stopped_and_gives_the_same_bytes(tiny_pairs,
     config = PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2)
     prepare(config, tmp_path)
     part = tmp_path / part_name(1)
-    wanted = part.read_bytes()
-    assert wanted == (tiny_prepared / part.name).read_bytes()
+    expected = part.read_bytes()
+    assert expected == (tiny_prepared / part.name).read_bytes()
     part.unlink()
     with pytest.raises(DataFileError, match=r"run python -m train\.prepare again"):
         PreparedSet(tmp_path)
     prepare(config, tmp_path)
-    assert part.read_bytes() == wanted
+    assert part.read_bytes() == expected
     with pytest.raises(ConfigError, match=r"config\.seed = 0, but 1 was requested"):
         prepare(PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2, seed=1), tmp_path)
 
@@ -106,7 +106,7 @@ def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
 
 
 def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
-    """Where nothing is blurred, truth, render and picture agree, whatever was done to them."""
+    """Without blur, truth, render and picture agree after any augmentation."""
     for index in range(12):
         example = examples(config_for(tiny_prepared), seed=1)[index]
         sharp = (example["defocus"].abs() < 0.2) & (example["target"] == 0)
@@ -136,9 +136,9 @@ def test_several_sets_are_drawn_with_equal_probability(tiny_prepared, marked):
 
 def test_sets_of_two_renderers_do_not_mix(tiny_prepared, marked):
     description = marked / DESCRIPTION
-    told = json.loads(description.read_text(encoding="utf-8"))
-    told["config"]["classical"] = "scatter"
-    description.write_text(json.dumps(told), encoding="utf-8")
+    summary = json.loads(description.read_text(encoding="utf-8"))
+    summary["config"]["classical"] = "scatter"
+    description.write_text(json.dumps(summary), encoding="utf-8")
     with pytest.raises(DataFileError, match="examples of one classical renderer, found rays, scatter"):
         PreparedCrops(config_for(tiny_prepared, also=(str(marked),)), 10.0)
 

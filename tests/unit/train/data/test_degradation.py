@@ -37,10 +37,10 @@ def test_a_blurred_step_is_the_error_function_of_three_pixels():
 
 def test_quantised_has_256_levels_and_errs_by_half_of_one():
     disparity = (0.3 + 4 * np.random.default_rng(1).random((50, 60))).astype(np.float32)
-    got = degrade(disparity, "quantised")
-    assert len(np.unique(got)) <= 256
-    assert np.abs(got - disparity).max() <= np.ptp(disparity) / 255 / 2 + 1e-6
-    assert np.abs(got - disparity).max() > np.ptp(disparity) / 255 / 3
+    result = degrade(disparity, "quantised")
+    assert len(np.unique(result)) <= 256
+    assert np.abs(result - disparity).max() <= np.ptp(disparity) / 255 / 2 + 1e-6
+    assert np.abs(result - disparity).max() > np.ptp(disparity) / 255 / 3
     flat = np.full((4, 4), 0.3, np.float32)
     np.testing.assert_array_equal(degrade(flat, "quantised"), flat)
 
@@ -51,9 +51,9 @@ def test_defocus_may_be_given_in_place_of_disparity(name):
     disparity = np.random.default_rng(2).random((30, 40)).astype(np.float32)
     disparity[:10] = 0
     before = disparity.copy()
-    got = degrade(32 * (disparity - 0.5), name)
-    np.testing.assert_allclose(got, 32 * (degrade(disparity, name) - 0.5), atol=2e-5)
-    assert got.dtype == np.float32
+    result = degrade(32 * (disparity - 0.5), name)
+    np.testing.assert_allclose(result, 32 * (degrade(disparity, name) - 0.5), atol=2e-5)
+    assert result.dtype == np.float32
     np.testing.assert_array_equal(disparity, before)
 
 

@@ -51,16 +51,16 @@ def largest_difference(first: Path, second: Path) -> float:
 
 
 def test_each_process_loads_only_its_part_of_every_batch():
-    asked = []
+    requested = []
 
     class Noted(Pairs):
         def __getitem__(self, index):
-            asked.append(index)
+            requested.append(index)
             return super().__getitem__(index)
 
     whole = DataLoader(Noted(), batch_size=6, sampler=range(12, 30))
     parts = [list(Processes(rank, 3).share(whole, CPU)) for rank in range(3)]
-    assert sorted(asked) == list(range(12, 30))
+    assert sorted(requested) == list(range(12, 30))
     for number, batch in enumerate(whole):
         shares = [parts[rank][number]["x"] for rank in range(3)]
         assert [len(share) for share in shares] == [2, 2, 2]
@@ -100,7 +100,7 @@ def test_two_processes_have_the_curve_and_the_weights_of_one(tmp_path):
 
 @pytest.mark.train
 def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(tmp_path):
-    """Process 1 alone is asked to stop in step 5; process 0 writes the checkpoint, later alone the rest."""
+    """Process 1 alone is to stop in step 5; process 0 writes the checkpoint, later alone the rest."""
     finish(toy(tmp_path / "whole"))
     line = toy(tmp_path / "cut", stop_step=5)
     process = start(twice(line))

@@ -100,8 +100,8 @@ def test_bfloat16_is_used_where_the_processor_has_it(monkeypatch):
         return y.float().square().mean(), {}
 
     for instructions in (True, False):
-        monkeypatch.setattr("torch.cpu.get_capabilities", lambda found=instructions: {"amx_bf16": found})
+        monkeypatch.setattr("torch.cpu.get_capabilities", lambda result=instructions: {"amx_bf16": result})
         assert has_bfloat16(CPU) is instructions
-        for wanted in (True, False):
-            learner_of(loss_of, bfloat16=wanted).advance({"x": torch.ones(1, 2)})
+        for expected in (True, False):
+            learner_of(loss_of, bfloat16=expected).advance({"x": torch.ones(1, 2)})
     assert seen == [torch.bfloat16, torch.float32, torch.float32, torch.float32]

@@ -44,9 +44,9 @@ def test_a_run_cut_into_slices_ends_where_a_whole_one_ends(tmp_path):
     with pytest.raises(Stopped, match="stopped at step 1 of 12") as late:
         start(config, tmp_path / "cut", max_minutes=0)
     assert not late.value.interrupted
-    with pytest.raises(Stopped, match="stopped at step 7 of 12") as asked:
+    with pytest.raises(Stopped, match="stopped at step 7 of 12") as error:
         start(config, tmp_path / "cut")
-    assert asked.value.interrupted
+    assert error.value.interrupted
     cut = start(config, tmp_path / "cut")
     whole = start(config_of(12, model=ToyModel(dropout=0.3)), tmp_path / "whole")
     assert cut["step"] == whole["step"] == 12

@@ -44,16 +44,16 @@ def test_the_average_is_the_sum_that_its_definition_unrolls_to():
         network.count += 1
         average.follow(network, step)
     decays = [min(decay, n / (n + 10)) for n in (1, 2, 3, 4)]
-    wanted = 7.0 * math.prod(decays)
-    wanted += sum(x * (1 - decays[k]) * math.prod(decays[k + 1 :]) for k, x in enumerate(values))
-    assert float(average.network.weight) == pytest.approx(wanted)
+    expected = 7.0 * math.prod(decays)
+    expected += sum(x * (1 - decays[k]) * math.prod(decays[k + 1 :]) for k, x in enumerate(values))
+    assert float(average.network.weight) == pytest.approx(expected)
     assert float(average.network.count) == 4
     assert not average.network.training
     assert not average.network.weight.requires_grad
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"steps": 0}, "optim.steps: expected 1 or more steps, found 0"),
         ({"validate_every": 0}, "optim.validate_every: expected 1 or more steps, found 0"),
@@ -63,6 +63,6 @@ def test_the_average_is_the_sum_that_its_definition_unrolls_to():
         ({"average": 1.0}, "optim.average: expected 0 to below 1, found 1.0"),
     ],
 )
-def test_a_schedule_that_cannot_be_is_refused(values, told):
-    with pytest.raises(ConfigError, match=f"^{re.escape(told)}$"):
+def test_a_schedule_that_cannot_be_is_refused(values, message):
+    with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
         OptimConfig(**{"steps": 10, **values})

@@ -3,7 +3,7 @@ import torch
 
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.optics.encoding import decode
-from train.scores.losses import LossWeights, arnet_loss, iunet_loss, measured_error
+from train.scores.losses import LossWeights, arnet_loss, bokehme_loss, iunet_loss, measured_error
 from train.train_arnet import ARNetRun
 
 
@@ -33,25 +33,30 @@ def test_an_error_inside_the_target_counts_more_than_one_outside():
 def test_the_parts_of_the_loss_add_up_with_their_weights():
     truth, bokeh, classical = pictures()
     error_map, target = 0.5 * torch.ones(1, 1, 8, 8), torch.ones(1, 1, 8, 8)
-    asked = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
+    requested = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
     alone = {
         name: arnet_loss(
-            bokeh, error_map, classical, truth, target, LossWeights(**{**dict.fromkeys(asked, 0), name: 1})
+            bokeh,
+            error_map,
+            classical,
+            truth,
+            target,
+            LossWeights(**{**dict.fromkeys(requested, 0), name: 1}),
         )[0]
-        for name in asked
+        for name in requested
     }
     assert min(alone.values()) > 0
     assert alone["error_map"] == 0.25
-    loss, parts = arnet_loss(bokeh, error_map, classical, truth, target, LossWeights(**asked))
-    for name, weight in asked.items():
+    loss, parts = arnet_loss(bokeh, error_map, classical, truth, target, LossWeights(**requested))
+    for name, weight in requested.items():
         torch.testing.assert_close(parts[name], weight * alone[name])
     torch.testing.assert_close(loss, sum(parts.values()))
 
 
-@pytest.mark.parametrize("found", [-1.0, float("nan"), float("inf")])
-def test_an_invalid_part_of_the_loss_is_reported(found):
+@pytest.mark.parametrize("result", [-1.0, float("nan"), float("inf")])
+def test_an_invalid_part_of_the_loss_is_reported(result):
     with pytest.raises(ConfigError, match=r"loss\.fused: expected 0 or more, found"):
-        LossWeights(fused=found)
+        LossWeights(fused=result)
 
 
 def test_negative_predictions_are_pulled_back():
@@ -94,3 +99,17 @@ def test_a_single_noisy_pixel_is_not_an_error():
 def test_unknown_target_is_reported_with_the_known_ones():
     with pytest.raises(ParameterError, match=r"error_target: expected.*geometric.*measured.*got 'guess'"):
         ARNetRun(data=None, optim=None, error_target="guess")
+
+
+@pytest.mark.parametrize("network_is_better", [True, False])
+def test_the_error_map_of_bokehme_follows_the_better_picture(network_is_better):
+    """Authority: the fusion's error, which falls as the map rises where the network is better."""
+    truth, _, _ = pictures()
+    target = torch.full((1, 1, 8, 8), 0.5)
+    right, wrong = truth, truth + 0.3
+    bokeh, classical = (right, wrong) if network_is_better else (wrong, right)
+    error_map = target.clone().requires_grad_()
+    loss, parts = bokehme_loss([(bokeh, truth, target)], error_map, classical)
+    loss.backward()
+    assert set(parts) == {"neural", "gradient", "fused", "error_map"}
+    assert ((error_map.grad < 0) == network_is_better).all()

@@ -42,14 +42,14 @@ def test_a_perfect_render_scores_best_and_no_edges_give_no_edge_score():
 def test_similarity_is_the_published_one():
     """Oracle: kornia's SSIM, on borders mirrored as here; the mean leaves out half a window around."""
     rng = np.random.default_rng(2)
-    wanted = rng.random((40, 50, 3))
-    wanted[:20, :20] = 0
-    got = np.clip(wanted + 0.1 * rng.standard_normal(wanted.shape), 0, 1)
-    pair = (np.pad(x, ((5, 5), (5, 5), (0, 0)), mode="symmetric") for x in (wanted, got))
+    expected = rng.random((40, 50, 3))
+    expected[:20, :20] = 0
+    result = np.clip(expected + 0.1 * rng.standard_normal(expected.shape), 0, 1)
+    pair = (np.pad(x, ((5, 5), (5, 5), (0, 0)), mode="symmetric") for x in (expected, result))
     tensors = (torch.from_numpy(x.transpose(2, 0, 1).copy())[None] for x in pair)
     oracle = (
         kornia.metrics.ssim(*tensors, window_size=11, eps=0.0, padding="valid")[0].permute(1, 2, 0).numpy()
     )
-    ssim, ssim_map = similarity(wanted, got)
+    ssim, ssim_map = similarity(expected, result)
     assert_allclose(ssim_map, oracle, atol=1e-12)
     assert ssim == pytest.approx(oracle[5:-5, 5:-5].mean(), abs=1e-12)

@@ -65,11 +65,11 @@ def _ms_ssim(a, b):
 
 def test_ms_ssim_is_what_its_authors_define():
     rng = np.random.default_rng(2)
-    wanted = gaussian_filter(rng.random((192, 208, 3)), (2, 2, 0))
-    got = np.clip(gaussian_filter(wanted, (1, 1, 0)) + 0.02 * rng.standard_normal(wanted.shape), 0, 1)
-    defocus = np.zeros(wanted.shape[:2])
-    scores = Scorer(srgb_to_linear(wanted), defocus)(srgb_to_linear(got))
-    expected = np.mean([_ms_ssim(wanted[..., c], got[..., c]) for c in range(3)])
+    target = gaussian_filter(rng.random((192, 208, 3)), (2, 2, 0))
+    result = np.clip(gaussian_filter(target, (1, 1, 0)) + 0.02 * rng.standard_normal(target.shape), 0, 1)
+    defocus = np.zeros(target.shape[:2])
+    scores = Scorer(srgb_to_linear(target), defocus)(srgb_to_linear(result))
+    expected = np.mean([_ms_ssim(target[..., c], result[..., c]) for c in range(3)])
     assert scores["ms_ssim"] == pytest.approx(expected, abs=1e-4)
     assert expected < 0.98
 
@@ -117,9 +117,9 @@ def test_flat_pixels_are_all_but_edge_pixels(truth, scorer):
     far = np.where(np.abs(np.arange(200) - 99.5)[None, :, None] < 15, 0, truth)
     assert scorer(far)["flat_psnr"] == 100
     of_classical = scorer(classical)["flat_psnr"]
-    beside = scorer(truth, classical)
-    assert beside["flat_psnr_like"] == pytest.approx(of_classical)
-    assert beside["flat_psnr_gain"] == pytest.approx(100 - of_classical)
+    scores = scorer(truth, classical)
+    assert scores["flat_psnr_like"] == pytest.approx(of_classical)
+    assert scores["flat_psnr_gain"] == pytest.approx(100 - of_classical)
     assert math.isnan(scorer(truth)["flat_psnr_like"])
 
 
@@ -154,16 +154,16 @@ def test_scores_agree_with_those_of_the_path_traced_set(shared):
 
     script = shared("cycles/score.py")
     spec = importlib.util.spec_from_file_location("path_traced_score", script)
-    theirs = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(theirs)
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
     folder = script.parent / "s4_corridor"
     scene = json.loads((folder / "scene.json").read_text())
-    depth = theirs.read(str(folder / "depth.exr")).astype(np.float64)
+    depth = reference.read(str(folder / "depth.exr")).astype(np.float64)
     picture = next(p for p in list_pictures("cycles", script.parent) if p.scene == "s4_corridor")
     shot = picture.read()
     render = scatter(shot.image, shot.defocus)
-    mask = theirs.edge_mask(depth, scene, scene["shots"][0])
-    expected = theirs.score(render, shot.truth, mask)
+    mask = reference.edge_mask(depth, scene, scene["shots"][0])
+    expected = reference.score(render, shot.truth, mask)
     scores = Scorer(shot.truth, shot.defocus, shot.disparity)(render)
-    for ours, name in (("psnr", "psnr"), ("ssim", "ssim"), ("log_psnr", "log"), ("step_psnr", "edge")):
-        assert scores[ours] == pytest.approx(expected[name], abs=2e-3), name
+    for result, name in (("psnr", "psnr"), ("ssim", "ssim"), ("log_psnr", "log"), ("step_psnr", "edge")):
+        assert scores[result] == pytest.approx(expected[name], abs=2e-3), name

@@ -56,8 +56,8 @@ def rms(values: np.ndarray) -> float:
 
 def test_a_small_pattern_goes_on_as_it_is():
     truth = checks(3)
-    found = look_alikes(*behind_a_bar(truth))
-    assert rms(found[RIM] - truth[RIM]) < 0.01
+    result = look_alikes(*behind_a_bar(truth))
+    assert rms(result[RIM] - truth[RIM]) < 0.01
 
 
 @pytest.mark.parametrize("texture", [checks, dots, clouds])
@@ -76,16 +76,16 @@ def test_nothing_but_the_hidden_surface_is_taken():
     image[:, 42:46], defocus[:, 42:46] = (1.0, 0.0, 0.0), 9.0
     lights = np.zeros(defocus.shape, bool)
     image[30:34, 46:49], lights[30:34, 46:49] = (0.0, 0.0, 50.0), True
-    found = look_alikes(image, defocus, lights)
-    assert np.ptp(found[:, BAR], axis=2).max() < 1e-6
+    result = look_alikes(image, defocus, lights)
+    assert np.ptp(result[:, BAR], axis=2).max() < 1e-6
 
 
 def test_what_nothing_is_like_keeps_the_other_guess():
     """Everything beside the bar is another surface than the one behind it."""
     image, defocus = behind_a_bar(checks())
     defocus[:, : BAR.start] = defocus[:, BAR.stop :] = 3.0
-    found = look_alikes(image, np.where(defocus == 3, np.float32(3), defocus))
-    assert (found[:, BAR] == np.float32(0.45)).all()
+    result = look_alikes(image, np.where(defocus == 3, np.float32(3), defocus))
+    assert (result[:, BAR] == np.float32(0.45)).all()
 
 
 def test_a_part_of_the_picture_gives_what_the_whole_does():

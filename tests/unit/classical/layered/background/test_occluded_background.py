@@ -30,9 +30,9 @@ def test_the_background_goes_on_behind_the_foreground():
 def test_of_two_things_the_one_that_counts_is_filled_as_both_would_be():
     image, defocus, inside = scene()
     image, defocus = (np.concatenate([x, x]) for x in (image, defocus))
-    wanted = np.zeros(defocus.shape, bool)
-    wanted[inside] = True
-    both, one = occluded_background(image, defocus), occluded_background(image, defocus, inpainted=wanted)
+    expected = np.zeros(defocus.shape, bool)
+    expected[inside] = True
+    both, one = occluded_background(image, defocus), occluded_background(image, defocus, inpainted=expected)
     for whole, part in zip(both, one, strict=True):
         np.testing.assert_array_equal(part[:48], whole[:48])
     assert np.abs(one[0][48:] - both[0][48:]).max() > 1e-3  # means, no lines

@@ -24,22 +24,22 @@ def bars(pixel_filter, noise=0.0, seed=0):
 @pytest.mark.parametrize("width", [1.8, 2.0, 2.8, 3.8])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_the_width_of_a_gaussian_is_found(width, noise):
-    found = estimate_filter(bars(PixelFilter("gaussian", width), noise))
-    assert found.pixel_filter.name == "gaussian"
-    assert found.pixel_filter.width == pytest.approx(width, rel=0.1)
-    assert found.confidence > 0.7
+    result = estimate_filter(bars(PixelFilter("gaussian", width), noise))
+    assert result.pixel_filter.name == "gaussian"
+    assert result.pixel_filter.width == pytest.approx(width, rel=0.1)
+    assert result.confidence > 0.7
 
 
 def test_the_filter_of_blender_is_seen_as_a_gaussian_of_its_weights():
-    found = estimate_filter(bars(DEFAULT_FILTER)).pixel_filter.weights()
-    np.testing.assert_allclose(found, DEFAULT_FILTER.weights(), atol=0.03)
+    result = estimate_filter(bars(DEFAULT_FILTER)).pixel_filter.weights()
+    np.testing.assert_allclose(result, DEFAULT_FILTER.weights(), atol=0.03)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 400), (30, 40)])
 def test_pictures_without_edges_get_the_default(shape):
-    found = estimate_filter(np.full((*shape, 3), 0.3, np.float32))
-    assert (found.pixel_filter, found.confidence) == (DEFAULT_FILTER, 0.0)
-    assert found.reason == "by default: 0 clear edges"
+    result = estimate_filter(np.full((*shape, 3), 0.3, np.float32))
+    assert (result.pixel_filter, result.confidence) == (DEFAULT_FILTER, 0.0)
+    assert result.reason == "by default: 0 clear edges"
 
 
 def test_noise_alone_has_no_clear_edges():
@@ -48,7 +48,7 @@ def test_noise_alone_has_no_clear_edges():
 
 
 def test_clipped_edges_are_left_out():
-    """What is clipped is sharper than its filter; so it does not count, while unclipped light does."""
+    """Clipped light is sharper than its filter and does not count; unclipped light does."""
     image = bars(PixelFilter("gaussian", 2.8))
     plain, clipped = edge_widths(image), edge_widths(np.minimum(4 * image, 1.0))
     assert len(clipped) < 0.1 * len(plain)
@@ -114,9 +114,9 @@ def slats(rows, columns):
 @pytest.mark.parametrize("blur", [0.7, 1.2, 2.5])
 def test_unmixed_pixels_at_depth_edges_are_a_box_whatever_the_texture(hard, blur):
     """Authority: the composite of whole pixels."""
-    found = estimate_filter(*layers(None, hard, blur=blur))
-    assert (found.pixel_filter, found.confidence > 0.3) == (PixelFilter("box", 1), True)
-    assert "pixels at depth edges are unmixed" in found.reason
+    result = estimate_filter(*layers(None, hard, blur=blur))
+    assert (result.pixel_filter, result.confidence > 0.3) == (PixelFilter("box", 1), True)
+    assert "pixels at depth edges are unmixed" in result.reason
 
 
 @pytest.mark.parametrize("hard", [discs, slats])
@@ -124,8 +124,8 @@ def test_unmixed_pixels_at_depth_edges_are_a_box_whatever_the_texture(hard, blur
     "pixel_filter", [DEFAULT_FILTER, PixelFilter("gaussian", 2), PixelFilter("gaussian", 3)]
 )
 def test_filtered_depth_edges_are_no_box(hard, pixel_filter):
-    found = estimate_filter(*layers(pixel_filter, hard))
-    assert found.pixel_filter.name != "box"
+    result = estimate_filter(*layers(pixel_filter, hard))
+    assert result.pixel_filter.name != "box"
 
 
 @pytest.mark.parametrize("hard", [wires, discs, slats])

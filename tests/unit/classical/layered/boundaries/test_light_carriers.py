@@ -27,12 +27,12 @@ def night(lamp_is_near, coverage=0.3):
 @pytest.mark.parametrize("lamp_is_near", [True, False])
 def test_light_of_a_lamp_beyond_its_edge_keeps_its_color_and_depth(lamp_is_near, coverage):
     image, defocus, column = night(lamp_is_near, coverage)
-    found = split_lights(image, defocus, discontinuity_sides(defocus), image[..., 0] > 1)
-    assert list(zip(found.rows, found.columns, strict=True)) == [(20, column)]
-    of_lamp = found.coverage[0] if lamp_is_near else 1 - found.coverage[0]
+    lights = split_lights(image, defocus, discontinuity_sides(defocus), image[..., 0] > 1)
+    assert list(zip(lights.rows, lights.columns, strict=True)) == [(20, column)]
+    of_lamp = lights.coverage[0] if lamp_is_near else 1 - lights.coverage[0]
     assert of_lamp == pytest.approx(coverage, abs=1e-3)
-    np.testing.assert_allclose((found.front if lamp_is_near else found.back)[0], LAMP, rtol=1e-3)
-    assert (found.near[0], found.far[0], bool(found.is_front[0])) == (NEAR, FAR, not lamp_is_near)
+    np.testing.assert_allclose((lights.front if lamp_is_near else lights.back)[0], LAMP, rtol=1e-3)
+    assert (lights.near[0], lights.far[0], bool(lights.is_front[0])) == (NEAR, FAR, not lamp_is_near)
 
 
 def test_both_surfaces_add_up_to_the_picture():
@@ -40,12 +40,12 @@ def test_both_surfaces_add_up_to_the_picture():
     image = rng.random((30, 40, 3), dtype=np.float32)
     image[rng.random((30, 40)) < 0.2] *= 100
     defocus = rng.choice([NEAR, 0.0, FAR], (30, 40)).astype(np.float32)
-    found = split_lights(image, defocus, discontinuity_sides(defocus), image.max(2) > 4)
-    assert len(found.rows) > 30
-    share = found.coverage[:, None]
-    added = share * found.front + (1 - share) * found.back
-    np.testing.assert_allclose(added, image[found.rows, found.columns], rtol=1e-5, atol=1e-5)
-    assert min(found.front.min(), found.back.min()) >= -1e-6
+    lights = split_lights(image, defocus, discontinuity_sides(defocus), image.max(2) > 4)
+    assert len(lights.rows) > 30
+    share = lights.coverage[:, None]
+    added = share * lights.front + (1 - share) * lights.back
+    np.testing.assert_allclose(added, image[lights.rows, lights.columns], rtol=1e-5, atol=1e-5)
+    assert min(lights.front.min(), lights.back.min()) >= -1e-6
 
 
 def test_a_lamp_away_from_edges_stays_whole():
@@ -64,10 +64,10 @@ def test_a_lamp_at_an_edge_keeps_its_energy_and_one_disc(lamp_is_near):
     dark[:, 20:] = 0.05
     added = rays(image, defocus) - rays(dark, defocus)
     energy = (image - dark).sum((0, 1), dtype=np.float64)
-    found = added.sum((0, 1), dtype=np.float64) / energy
+    result = added.sum((0, 1), dtype=np.float64) / energy
     if lamp_is_near:
-        np.testing.assert_allclose(found, 1, atol=0.01)
-    assert (found < 1.01).all()
+        np.testing.assert_allclose(result, 1, atol=0.01)
+    assert (result < 1.01).all()
     rows, columns = np.mgrid[:41, :41]
     beyond = np.hypot(rows - 20, columns - 19.5) > 9 + 2.5
     assert np.abs(added[beyond]).sum() < 1e-3 * np.abs(added).sum()

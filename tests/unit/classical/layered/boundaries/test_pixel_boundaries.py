@@ -15,9 +15,9 @@ NEAR, FAR = 5.0, -3.0
 
 @njit
 def read(coverage, x, y):
-    found = np.empty(LANES, np.float32)
-    store8(found, 0, coverage_at(load8(coverage, 0), load8(x, 0), load8(y, 0)))
-    return found
+    result = np.empty(LANES, np.float32)
+    store8(result, 0, coverage_at(load8(coverage, 0), load8(x, 0), load8(y, 0)))
+    return result
 
 
 def covered(distance: np.ndarray) -> np.ndarray:
@@ -43,16 +43,16 @@ def half_plane(angle: float, offset: float, size: int = 9):
 def test_coverage_inside_a_pixel_is_that_of_the_outline(angle, offset):
     """The boundary, where half is covered, lies within a tenth of a pixel of the true line."""
     defocus, coverage, distance = half_plane(angle, offset)
-    found = with_slopes(defocus, coverage)[..., 0]
+    result = with_slopes(defocus, coverage)[..., 0]
     mixed = (coverage[..., 0] > 0.2) & (coverage[..., 0] < 0.8)
     assert mixed.any()
     for y, x in np.argwhere(mixed[1:-1, 1:-1]) + 1:
         along = np.linspace(-0.5, 0.5, LANES).astype(np.float32)
         right, down = along * np.float32(math.cos(angle)), along * np.float32(math.sin(angle))
-        inside = read(np.full(LANES, found[y, x]), right, down)
-        wanted = distance[y, x] + along > 0
+        inside = read(np.full(LANES, result[y, x]), right, down)
+        expected = distance[y, x] + along > 0
         clear = np.abs(distance[y, x] + along) > 0.1
-        assert_array_equal((inside > 0.5)[clear], wanted[clear])
+        assert_array_equal((inside > 0.5)[clear], expected[clear])
 
 
 def test_at_the_centre_it_is_the_coverage_itself():

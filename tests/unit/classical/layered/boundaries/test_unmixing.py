@@ -11,7 +11,7 @@ NOTHING_SPARED = np.zeros((20, 24), bool)
 
 
 def seen(labels, pixel_filter=DEFAULT_FILTER):
-    """What the filter sees of labels (H, W), over the squares of neighbours with their weights, (H, W)."""
+    """Return the filtered labels (H, W), over the squares of neighbours with their weights, (H, W)."""
     weights = np.maximum(pixel_filter.weights(), MIN_FILTER_WEIGHT)
     weights /= weights.sum()
     reach = len(weights) // 2
@@ -58,11 +58,11 @@ def literal(image, defocus, sides, pixel_filter):
         there = [(v, u, w) for v, u, w in window if defocus[v, u] == depths[side]]
         return moments([(w * (PRIOR.mixed_weight if sides[v, u] else 1), image[v, u]) for v, u, w in there])
 
-    def look_again(y, x, side, parted):
+    def look_again(y, x, side, unmixed):
         weighted = []
         for v, u, w in around(y, x, 1, PRIOR.neighbour_variance):
-            if (v, u) in parted:
-                share, *colors = parted[v, u]
+            if (v, u) in unmixed:
+                share, *colors = unmixed[v, u]
                 share = share if side == 0 else 1 - share
                 weighted.append((w * (share**2 + PRIOR.min_weight), colors[side]))
             elif defocus[v, u] == depths[side]:
@@ -78,14 +78,14 @@ def literal(image, defocus, sides, pixel_filter):
             return np.inf, np.inf
         return [PRIOR.max_variance_ratio * np.var(colors, axis=0).mean() for colors in pure]
 
-    def place_edges(parted):
+    def place_edges(unmixed):
         slopes = np.maximum(4 * shares * (1 - shares), PRIOR.min_edge_slope)
         placed = shares.copy()
-        for y, x in parted:
+        for y, x in unmixed:
             rows, said, weights = [], [], []
             for v, u, w in around(y, x, PRIOR.edge_window_px, PRIOR.edge_window_variance):
-                if (v, u) in parted:
-                    share, front, back = parted[v, u]
+                if (v, u) in unmixed:
+                    share, front, back = unmixed[v, u]
                     apart = (front - back) @ (front - back)
                     rows.append(slopes[v, u])
                     said.append(share - shares[v, u])
@@ -111,13 +111,13 @@ def literal(image, defocus, sides, pixel_filter):
 
     places = [(int(y), int(x)) for y, x in np.argwhere(sides)]
     spread = PRIOR.coverage_sigma
-    parted = {place: part(*place, *first_look(*place, 0), *first_look(*place, 1)) for place in places}
+    unmixed = {place: part(*place, *first_look(*place, 0), *first_look(*place, 1)) for place in places}
     for number in range(PRIOR.iterations + PRIOR.located_iterations):
         if number == PRIOR.iterations:
-            shares, spread = place_edges(parted), PRIOR.located_sigma
-        found = {p: (*look_again(*p, 0, parted), *look_again(*p, 1, parted)) for p in places}
-        parted = {place: part(*place, *means) for place, means in found.items()}
-    return parted
+            shares, spread = place_edges(unmixed), PRIOR.located_sigma
+        results = {p: (*look_again(*p, 0, unmixed), *look_again(*p, 1, unmixed)) for p in places}
+        unmixed = {place: part(*place, *means) for place, means in results.items()}
+    return unmixed
 
 
 @pytest.mark.parametrize("texture", [0.1, 0.001])
@@ -127,38 +127,38 @@ def test_pixels_are_unmixed_as_the_least_squares_say(name, texture):
     pixel_filter = parse_pixel_filter(name)
     image, defocus, *_ = scene(least=0.6, pixel_filter=pixel_filter, texture=texture)
     sides = discontinuity_sides(defocus, len(pixel_filter.weights()) // 2)
-    found = unmix(image, defocus, sides, NOTHING_SPARED, pixel_filter)
-    assert len(found.rows) == np.count_nonzero(sides) > 30
-    wanted = literal(image, defocus, sides, pixel_filter)
-    for i, place in enumerate(zip(found.rows, found.columns, strict=True)):
-        share, front, back = wanted[place]
+    unmixed = unmix(image, defocus, sides, NOTHING_SPARED, pixel_filter)
+    assert len(unmixed.rows) == np.count_nonzero(sides) > 30
+    expected = literal(image, defocus, sides, pixel_filter)
+    for i, place in enumerate(zip(unmixed.rows, unmixed.columns, strict=True)):
+        share, front, back = expected[place]
         assert min(front.min(), back.min()) > 0
-        assert found.coverage[i] == pytest.approx(share, abs=1e-5)
-        np.testing.assert_allclose(found.front[i], front, atol=1e-5)
-        np.testing.assert_allclose(found.back[i], back, atol=1e-5)
+        assert unmixed.coverage[i] == pytest.approx(share, abs=1e-5)
+        np.testing.assert_allclose(unmixed.front[i], front, atol=1e-5)
+        np.testing.assert_allclose(unmixed.back[i], back, atol=1e-5)
 
 
 @pytest.mark.parametrize("lowest", [0.0, -0.2])
 def test_both_surfaces_add_up_to_the_picture(lowest):
     image = np.random.default_rng(1).uniform(lowest, 1, (20, 24, 3)).astype(np.float32)
     defocus = scene()[1]
-    found = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
-    share = found.coverage[:, None]
-    added = share * found.front + (1 - share) * found.back
-    np.testing.assert_allclose(added, image[found.rows, found.columns], atol=1e-5)
+    unmixed = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
+    share = unmixed.coverage[:, None]
+    added = share * unmixed.front + (1 - share) * unmixed.back
+    np.testing.assert_allclose(added, image[unmixed.rows, unmixed.columns], atol=1e-5)
     if lowest == 0.0:
-        assert min(found.front.min(), found.back.min()) >= 0
+        assert min(unmixed.front.min(), unmixed.back.min()) >= 0
 
 
 def test_colours_are_purer_than_the_picture():
     """Truth: the surfaces that the picture was mixed of."""
     image, defocus, share, near, far = scene()
-    found = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
-    own = np.where(found.is_front[:, None], found.front, found.back)
-    y, x = found.rows, found.columns
-    truth = np.where(found.is_front[:, None], near[y, x], far[y, x])
+    unmixed = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
+    own = np.where(unmixed.is_front[:, None], unmixed.front, unmixed.back)
+    y, x = unmixed.rows, unmixed.columns
+    truth = np.where(unmixed.is_front[:, None], near[y, x], far[y, x])
     assert np.abs(own - truth).mean() < 0.5 * np.abs(image[y, x] - truth).mean()
-    assert np.abs(found.coverage - share[y, x]).mean() < 0.03
+    assert np.abs(unmixed.coverage - share[y, x]).mean() < 0.03
 
 
 def test_a_light_is_spared_and_colours_nothing():
@@ -166,9 +166,9 @@ def test_a_light_is_spared_and_colours_nothing():
     plain = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
     lit, spared = image.copy(), NOTHING_SPARED.copy()
     lit[10, 10], spared[10, 10] = 100.0, True
-    found = unmix(lit, defocus, discontinuity_sides(defocus), spared)
-    assert not ((found.rows == 10) & (found.columns == 10)).any()
-    assert found.front.max() < plain.front.max() + 0.1
+    unmixed = unmix(lit, defocus, discontinuity_sides(defocus), spared)
+    assert not ((unmixed.rows == 10) & (unmixed.columns == 10)).any()
+    assert unmixed.front.max() < plain.front.max() + 0.1
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1)])
@@ -176,10 +176,10 @@ def test_small_pictures(shape):
     rng = np.random.default_rng(2)
     image = rng.random((*shape, 3), dtype=np.float32)
     defocus = rng.uniform(-9, 9, shape).astype(np.float32)
-    found = unmix(image, defocus, discontinuity_sides(defocus), np.zeros(shape, bool))
-    for array in (found.front, found.back, found.coverage):
+    unmixed = unmix(image, defocus, discontinuity_sides(defocus), np.zeros(shape, bool))
+    for array in (unmixed.front, unmixed.back, unmixed.coverage):
         assert np.isfinite(array).all()
-    assert (found.near >= found.far).all()
+    assert (unmixed.near >= unmixed.far).all()
 
 
 def test_a_held_coverage_stays_and_both_surfaces_add_up():
@@ -192,12 +192,12 @@ def test_a_held_coverage_stays_and_both_surfaces_add_up():
         far=np.full(len(y), -9.0),
         coverage=share[y, x],
     )
-    found = unmix(image, defocus, np.zeros((20, 24), np.int8), NOTHING_SPARED, known=held)
-    np.testing.assert_array_equal(np.stack([found.rows, found.columns]), np.stack([y, x]))
-    np.testing.assert_allclose(found.coverage, share[y, x], atol=1e-6)
-    assert (found.near == 6).all()
-    weight = found.coverage[:, None]
-    np.testing.assert_allclose(weight * found.front + (1 - weight) * found.back, image[y, x], atol=1e-5)
+    unmixed = unmix(image, defocus, np.zeros((20, 24), np.int8), NOTHING_SPARED, known=held)
+    np.testing.assert_array_equal(np.stack([unmixed.rows, unmixed.columns]), np.stack([y, x]))
+    np.testing.assert_allclose(unmixed.coverage, share[y, x], atol=1e-6)
+    assert (unmixed.near == 6).all()
+    weight = unmixed.coverage[:, None]
+    np.testing.assert_allclose(weight * unmixed.front + (1 - weight) * unmixed.back, image[y, x], atol=1e-5)
     estimated = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
 
     def error(result):
@@ -207,7 +207,7 @@ def test_a_held_coverage_stays_and_both_surfaces_add_up():
         )
         return np.abs(own - truth).mean()
 
-    assert error(found) < 1.1 * error(estimated)
+    assert error(unmixed) < 1.1 * error(estimated)
 
 
 def test_a_surface_that_is_all_light_is_known_by_its_lights():
@@ -218,11 +218,11 @@ def test_a_surface_that_is_all_light_is_known_by_its_lights():
     share[7] = 0.35
     image = (share[..., None] * 0.5 + (1 - share[..., None]) * 0.007).repeat(3, axis=-1).astype(np.float32)
     defocus = np.where(front, 9.0, 0.0).astype(np.float32)
-    found = unmix(image, defocus, discontinuity_sides(defocus), front)
-    outline = found.rows == 7
+    unmixed = unmix(image, defocus, discontinuity_sides(defocus), front)
+    outline = unmixed.rows == 7
     assert outline.sum() == 24
-    np.testing.assert_allclose(found.front[outline], 0.5, rtol=0.05)
-    np.testing.assert_allclose(found.coverage[outline], 0.35, atol=0.05)
+    np.testing.assert_allclose(unmixed.front[outline], 0.5, rtol=0.05)
+    np.testing.assert_allclose(unmixed.coverage[outline], 0.35, atol=0.05)
 
 
 def test_a_light_is_spared_though_its_coverage_is_held():
@@ -236,9 +236,9 @@ def test_a_light_is_spared_though_its_coverage_is_held():
         far=np.full(2, -9.0),
         coverage=np.array([0.3, 0.4]),
     )
-    found = unmix(image, defocus, np.zeros((20, 24), np.int8), spared, known=held)
-    assert found.columns.tolist() == [11]
-    assert found.coverage[0] == np.float32(0.4)
+    unmixed = unmix(image, defocus, np.zeros((20, 24), np.int8), spared, known=held)
+    assert unmixed.columns.tolist() == [11]
+    assert unmixed.coverage[0] == np.float32(0.4)
 
 
 def test_even_surfaces_stay_even_though_the_filter_is_not_quite_known():
@@ -248,8 +248,10 @@ def test_even_surfaces_stay_even_though_the_filter_is_not_quite_known():
     image = (share[..., None] * 0.5 + (1 - share[..., None]) * 0.009).repeat(3, axis=-1).astype(np.float32)
     defocus = np.where(share > 0.5, 9.0, 0.0).astype(np.float32)
     narrow = parse_pixel_filter("gaussian:1.39")
-    found = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED, narrow)
-    inside = (found.columns > 3) & (found.columns < 20)  # at the border too few pixels are seen
-    np.testing.assert_allclose(found.front[inside], 0.5, atol=0.02)
-    np.testing.assert_allclose(found.back[inside], 0.009, atol=0.01)
-    np.testing.assert_allclose(found.coverage[inside], share[found.rows, found.columns][inside], atol=0.02)
+    unmixed = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED, narrow)
+    inside = (unmixed.columns > 3) & (unmixed.columns < 20)  # at the border too few pixels are seen
+    np.testing.assert_allclose(unmixed.front[inside], 0.5, atol=0.02)
+    np.testing.assert_allclose(unmixed.back[inside], 0.009, atol=0.01)
+    np.testing.assert_allclose(
+        unmixed.coverage[inside], share[unmixed.rows, unmixed.columns][inside], atol=0.02
+    )

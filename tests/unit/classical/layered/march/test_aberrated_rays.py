@@ -24,13 +24,13 @@ CHANCES = sobol(64, np.random.default_rng(0), 3)
 def send_eight(coefficients, tilt, u, v, h_x, h_y, waves):
     collapsed = np.empty(coefficients.shape[1:], np.float32)
     collapse(coefficients, h_x * h_x + h_y * h_y, collapsed)
-    found = np.empty(4 * LANES, np.float32)
+    result = np.empty(4 * LANES, np.float32)
     sent = send_rays(collapsed, tilt, load8(u, 0), load8(v, 0), h_x, h_y, load8(waves, 0))
-    store8(found, 0, sent[0])
-    store8(found, LANES, sent[1])
-    store8(found, 2 * LANES, sent[2])
-    store8(found, 3 * LANES, sent[3])
-    return found
+    store8(result, 0, sent[0])
+    store8(result, LANES, sent[1])
+    store8(result, 2 * LANES, sent[2])
+    store8(result, 3 * LANES, sent[3])
+    return result
 
 
 def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersive: bool) -> AberrationMap:
@@ -69,14 +69,14 @@ def test_eight_rays_go_where_the_map_sends_each(pupil_aberration, dispersive):
         field = rng.uniform(-0.7, 0.7, 2).astype(np.float32)
         waves = table.waves[start : start + LANES].copy()
         u, v = np.ascontiguousarray(pupil.T)
-        found = send_eight(table.coefficients, table.tilt, u, v, *field, waves).reshape(4, LANES)
+        result = send_eight(table.coefficients, table.tilt, u, v, *field, waves).reshape(4, LANES)
         for lane in range(LANES):
             wavelength = wavelengths[start + lane]
             transverse_aberration, run, _ = lens_response.aberration_map(
                 pupil[lane].astype(float), field.astype(float), wavelength
             )
-            np.testing.assert_allclose(found[:2, lane], half_diagonal * transverse_aberration, atol=2e-3)
-            np.testing.assert_allclose(found[2:, lane], run, atol=2e-5)
+            np.testing.assert_allclose(result[:2, lane], half_diagonal * transverse_aberration, atol=2e-3)
+            np.testing.assert_allclose(result[2:, lane], run, atol=2e-5)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How far bundles stray. Oracle: rays of the aberration map, one by one."""
+"""Extents of bundles. Oracle: rays of the aberration map, one by one."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Where rays need not look. Oracle: the same picture when they look everywhere."""
+"""Bins that rays skip. Oracle: the same picture when they search all bins."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("lens_response", [None, CHARACTER])
 def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, lens_response):
     image, defocus = scene()
-    found = rays(image, defocus, lens_response=lens_response)
+    picture = rays(image, defocus, lens_response=lens_response)
     shares = []
 
     def look_everywhere(*arguments):
@@ -39,8 +39,8 @@ def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, lens_response):
     monkeypatch.setattr(bokehnet.classical.rays_renderer, "occupied_bins", look_everywhere)
     expected = rays(image, defocus, lens_response=lens_response)
     assert 0.3 < shares[0] < 0.9
-    assert np.sqrt(np.mean((found - expected) ** 2)) < 3e-4
-    assert np.abs(found - expected).max() < 0.01
+    assert np.sqrt(np.mean((picture - expected) ** 2)) < 3e-4
+    assert np.abs(picture - expected).max() < 0.01
 
 
 def test_a_tile_looks_behind_the_first_layer_within_reach_of_a_hidden_one():

@@ -97,7 +97,7 @@ def random_layers(rng: np.random.Generator, height: int, width: int, count: int)
 
 @pytest.mark.parametrize(("count", "stretch"), [(1, 1), (2, 1), (3, 1), (2, 15)])
 def test_eight_rays_meet_what_each_meets_alone(count, stretch):
-    """Where the defocus stretches far, rays pass empty tiles in one step."""
+    """Rays pass empty tiles in one step where the defocus has a large range."""
     rng = np.random.default_rng(count)
     layers = random_layers(rng, 21, 26, count)
     layers = replace(layers, defocus=stretch * layers.defocus)
@@ -113,11 +113,11 @@ def test_eight_rays_meet_what_each_meets_alone(count, stretch):
         u, v, chance = rng.uniform(-1, 1, LANES), rng.uniform(-1, 1, LANES), rng.random(LANES)
         arrays = [np.asarray(a, np.float32) for a in (x, y, *begin, u, v, chance)]
         size = (21, 26, count)
-        rows, columns, found, depths = meet_eight(cells, size, bins, runs, *arrays).reshape(4, LANES)
+        rows, columns, result, depths = meet_eight(cells, size, bins, runs, *arrays).reshape(4, LANES)
         for lane in range(LANES):
             row, column, layer = meet_one(layers, runs, *(float(a[lane]) for a in arrays))
             met_by_layer[layer] += 1
-            same = layer == found[lane] and (layer < 0 or (row, column) == (rows[lane], columns[lane]))
+            same = layer == result[lane] and (layer < 0 or (row, column) == (rows[lane], columns[lane]))
             wrong += not same
             if same and layer >= 0:
                 assert depths[lane] == layers.defocus[row, column, layer].astype(np.float32)
@@ -149,10 +149,10 @@ def test_rays_come_to_rest_on_a_slope_where_they_cut_it(slope):
         arrays = [np.asarray(a, np.float32) for a in (column, row, *begin, *ray)]
         rests, hits = settle_eight(cells, (height, width, 1), *arrays)
         assert rests
-        rows, columns, found, depths = hits.reshape(4, LANES)
+        rows, columns, result, depths = hits.reshape(4, LANES)
         away = column + begin[0] - 0.5 - 40, row + begin[1] - 0.5 - 30
         s = (6 + slope[0] * away[0] + slope[1] * away[1]) / (1 + slope[0] * ray[0] + slope[1] * ray[1])
-        assert not found.any()
+        assert not result.any()
         place = column + begin[0] - 0.5 - s * ray[0], row + begin[1] - 0.5 - s * ray[1]
         far.append(np.hypot(columns - place[0], rows - place[1]))
         np.testing.assert_array_equal(depths, depth[rows.astype(int), columns.astype(int)].astype(np.float32))

@@ -1,4 +1,4 @@
-"""What windows leave and what they take away. Authority: means of lines, of independent numbers."""
+"""Averages over windows. Authority: means of lines, of independent numbers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How many rays are sent. Authority: noise of known variance, and the formula of the optimal allocation."""
+"""Number of rays. Authority: noise of known variance, and the formula of the optimal allocation."""
 
 import math
 
@@ -29,12 +29,12 @@ def known(
 def test_rays_grow_with_the_root_of_the_variance(radius):
     """Neyman's allocation, for the noise that the window leaves; counts are the next powers of two."""
     side = 3 if radius < 12 else 9
-    for wanted in (12.0, 24.0, 48.0, 96.0):
-        left = _NOISE * wanted / USUAL  # of 64 rays
+    for expected in (12.0, 24.0, 48.0, 96.0):
+        left = _NOISE * expected / USUAL  # of 64 rays
         sigma = left * side * math.sqrt(USUAL / FIRST_RAYS) / SLOPE
         noise = np.random.default_rng(0).normal(GREY, sigma, (64, 64, 3)).astype(np.float32)
         counts = counts_by_variance(known(BACK_GROUP, noise, radius))
-        assert np.median(counts) == 2 ** math.ceil(math.log2(wanted))
+        assert np.median(counts) == 2 ** math.ceil(math.log2(expected))
 
 
 def test_smooth_slopes_take_the_first_rays_only():

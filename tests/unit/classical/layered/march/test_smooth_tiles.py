@@ -88,7 +88,7 @@ def rays_job(colors, cells, points, weights, lens, **how) -> RaysJob:
 
 
 def seen(image, defocus_of, slopes, lens_response, y, x, count=4096):
-    """What one pixel sees of a plane by nearest pixels, ray by ray."""
+    """Return the light of a plane in one pixel by nearest pixels, ray by ray."""
     chances = sobol(count, np.random.default_rng(9), 5)
     wavelengths, colors = lens_response.sample_wavelengths(count)
     half_diagonal = 0.5 * math.hypot(WIDTH, HEIGHT)
@@ -126,12 +126,12 @@ def seen(image, defocus_of, slopes, lens_response, y, x, count=4096):
 )
 def test_pixels_of_a_tile_see_a_leaning_plane_as_their_own_rays_do(name, middle):
     image, defocus = picture(), plane(middle)
-    found, left = rendered(one_layer(image, defocus), LENSES[name])
+    result, left = rendered(one_layer(image, defocus), LENSES[name])
     places = [(TOP + 3, LEFT + 4), (TOP, LEFT), (TOP + 7, LEFT + 7), (TOP - 24, LEFT + 45)]
     for y, x in places:
         assert not left[y, x]
-        wanted = seen(image, defocus, np.array([0.01, -0.006]), LENSES[name], y, x)
-        np.testing.assert_allclose(found[y, x], wanted, atol=0.012)
+        expected = seen(image, defocus, np.array([0.01, -0.006]), LENSES[name], y, x)
+        np.testing.assert_allclose(result[y, x], expected, atol=0.012)
 
 
 def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
@@ -141,7 +141,7 @@ def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
     lens_response = LensResponse(
         aberration_map=GLASS, chromatic_aberration=ChromaticAberration(axial=0.5, lateral=0.5)
     )
-    found = rays(image, defocus, lens_response=lens_response)
+    actual = rays(image, defocus, lens_response=lens_response)
     shares = []
 
     def leave_all(job, near, extents, result):
@@ -153,15 +153,15 @@ def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
     seeds = [rays(image, defocus, lens_response=lens_response, seed=seed) for seed in range(4)]
     assert 0.2 < shares[0] < 0.95
     expected = np.mean(seeds, axis=0)
-    assert -10 * np.log10(np.mean((found - expected) ** 2)) > 45
-    assert abs(found.mean() / expected.mean() - 1) < 5e-4
+    assert -10 * np.log10(np.mean((actual - expected) ** 2)) > 45
+    assert abs(actual.mean() / expected.mean() - 1) < 5e-4
 
 
 def test_white_stays_white():
     image = np.full((HEIGHT, WIDTH, 3), 0.7, np.float32)
     for lens_response in LENSES.values():
-        found, left = rendered(one_layer(image, plane(5.0)), lens_response)
-        np.testing.assert_allclose(found[~left], 0.7, rtol=1e-5)
+        result, left = rendered(one_layer(image, plane(5.0)), lens_response)
+        np.testing.assert_allclose(result[~left], 0.7, rtol=1e-5)
 
 
 def test_tiles_with_a_step_something_hidden_or_a_steep_ground_are_left():
@@ -187,7 +187,7 @@ def test_curved_ground_and_the_border_are_seen_as_each_pixels_rays_see_them(monk
     image = picture()
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
     defocus = (-8 + 3 * np.sin(x / 25) + 2 * np.cos(y / 30)).astype(np.float32)
-    found = rays(image, defocus, lens_response=LENSES["sliders"])
+    actual = rays(image, defocus, lens_response=LENSES["sliders"])
 
     def leave_all(job, near, extents, result):
         return np.ones_like(near)
@@ -198,7 +198,7 @@ def test_curved_ground_and_the_border_are_seen_as_each_pixels_rays_see_them(monk
     border = np.ones((HEIGHT, WIDTH), bool)
     border[16:-16, 16:-16] = False
     for part in (border, ~border):
-        assert -10 * np.log10(np.mean((found - expected)[part] ** 2)) > 45
+        assert -10 * np.log10(np.mean((actual - expected)[part] ** 2)) > 45
 
 
 def test_a_strip_gives_the_rows_of_the_picture():

@@ -94,11 +94,11 @@ def test_paths_of_every_group_are_named_from_the_root(tmp_path, monkeypatch):
         }
     )
     job = FrameJob(image=Path("in.png"), output=Path("out.png"), settings=settings)
-    found = _absolute(job)
-    paths = [found.image, found.output, found.settings.input.disparity, found.settings.engine.weights]
-    paths += [found.settings.aperture.image, found.settings.output.save_maps]
+    result = _absolute(job)
+    paths = [result.image, result.output, result.settings.input.disparity, result.settings.engine.weights]
+    paths += [result.settings.aperture.image, result.settings.output.save_maps]
     assert paths == [tmp_path / n for n in ("in.png", "out.png", "d.png", "weights", "heart.png", "maps")]
-    assert found.settings.lens.name == str(tmp_path / "own.toml")
+    assert result.settings.lens.name == str(tmp_path / "own.toml")
 
 
 def test_names_that_are_no_files_stay():

@@ -153,8 +153,8 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         write_map(f"raw.{frame}.exr", 3000 * top * read_map("disparity.png") - 500)
     words = ("render", "photo.png", *FAST, *FOCUS, "--frames", "1-2", "-o", "out.#.png", "--overwrite")
     files = ("--steady", "off", "--save-maps", "maps", "--disparity")
-    for given in (("float.#.exr",), ("raw.#.exr", "--disparity-range", "-500,2500")):
-        assert cli(*words, *files, *given).code == 0
+    for original in (("float.#.exr",), ("raw.#.exr", "--disparity-range", "-500,2500")):
+        assert cli(*words, *files, *original).code == 0
         for frame, top in ((1, 1.0), (2, 0.5)):
             defocus = read_map(f"maps/{frame:04d}/defocus.exr")
             assert_allclose(defocus, 6 * (top * read_map("disparity.png") - 0.4), atol=1e-5)
@@ -164,7 +164,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ((*STILL, *FOCUS, "--frames", "four"), "--frames: expected frames such as 1001-1100"),
         ((*STILL, *FOCUS, "--frames", "1-4", "-o", "out.png"), "such as out.####.png, got out.png"),
@@ -201,13 +201,13 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ((*STILL, *FOCUS, "--frames", "1-4", "--engine", "magic"), "got 'magic'"),
     ],
 )
-def test_a_mistake_is_reported_before_any_frame(shot, cli, words, told):
+def test_a_mistake_is_reported_before_any_frame(shot, cli, words, message):
     before = {path: path.read_bytes() for path in shot.iterdir()}
     outcome = cli(*words)
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("bokehnet: error: ")
     assert outcome.err.count("\n") == 1
-    assert told in outcome.err
+    assert message in outcome.err
     assert {path: path.read_bytes() for path in shot.iterdir()} == before
 
 
@@ -290,9 +290,9 @@ def test_ctrl_c_is_clean(folder, jobs):
     assert err.splitlines()[-1] == "bokehnet: interrupted"
     assert "Traceback" not in err
     assert hidden(folder) == []
-    found = outputs(folder)
-    assert 3 <= len(found) < 600
-    assert len(set(found.values())) == 1
+    files = outputs(folder)
+    assert 3 <= len(files) < 600
+    assert len(set(files.values())) == 1
 
 
 @pytest.mark.slow
@@ -305,9 +305,9 @@ def test_killed_in_the_middle_and_run_again_nothing_is_lost_or_half(folder, cli,
     process.communicate(timeout=60)
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("out.*.png")}
     assert cli(*STILL, *FOCUS, "--frames", f"1-{len(before) + 5}").code == 0
-    found = outputs(folder)
-    assert len(found) >= len(before) + 5
-    assert len(set(found.values())) == 1
+    files = outputs(folder)
+    assert len(files) >= len(before) + 5
+    assert len(set(files.values())) == 1
     assert all((folder / name).stat().st_mtime_ns == time for name, time in before.items())
 
 

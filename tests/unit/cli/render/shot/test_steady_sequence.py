@@ -44,8 +44,8 @@ def hidden(folder):
 def test_maps_of_files_are_made_steady(noisy, cli):
     outcome = cli(*SHOT, "--save-maps", "maps", "--repair-disparity", "off", "--json")
     assert outcome.code == 0, outcome.err
-    told = json.loads(outcome.out)
-    assert (told["steady"], told["plan"]) == (True, None)
+    summary = json.loads(outcome.out)
+    assert (summary["steady"], summary["plan"]) == (True, None)
     maps = np.stack([read_map(f"maps/{frame:04d}/defocus.exr") for frame in FRAMES])
     # Six draws have 1 / sqrt(6) of one's deviation, and neighbouring frames nearly the same ones.
     assert np.sqrt(np.square(maps - 8 * (TRUTH - 0.3)).mean()) < 8 * 0.02 * 0.6
@@ -55,9 +55,9 @@ def test_maps_of_files_are_made_steady(noisy, cli):
 
 @pytest.mark.parametrize("steady", ["on", "off"])
 def test_the_repair_is_decided_once(noisy, cli, steady):
-    told = json.loads(cli(*SHOT, "--steady", steady, "--json").out)
-    assert set(told["plan"]) == {"repaired", "softness", "shift", "offset", "noise"}
-    assert {frame["repaired"] for frame in told["frames"].values()} == {told["plan"]["repaired"]}
+    summary = json.loads(cli(*SHOT, "--steady", steady, "--json").out)
+    assert set(summary["plan"]) == {"repaired", "softness", "shift", "offset", "noise"}
+    assert {frame["repaired"] for frame in summary["frames"].values()} == {summary["plan"]["repaired"]}
 
 
 def test_each_frame_is_left_alone_when_that_is_requested(noisy, cli):
@@ -65,8 +65,8 @@ def test_each_frame_is_left_alone_when_that_is_requested(noisy, cli):
     outcome = cli(*SHOT, *words)
     assert json.loads(outcome.out)["steady"] is False
     for frame in FRAMES:
-        given = read_map(f"z.{frame:04d}.exr")
-        np.testing.assert_allclose(read_map(f"maps/{frame:04d}/defocus.exr"), 8 * (given - 0.3), atol=1e-4)
+        values = read_map(f"z.{frame:04d}.exr")
+        np.testing.assert_allclose(read_map(f"maps/{frame:04d}/defocus.exr"), 8 * (values - 0.3), atol=1e-4)
 
 
 def test_equal_frames_of_a_shot_give_equal_files(noisy, cli):
@@ -120,11 +120,11 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
         (noisy / name).unlink()
     render, left = workers.render_frame, [2]
 
-    def stopping(*given, **options):
+    def stopping(*arguments, **options):
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
-        return render(*given, **options)
+        return render(*arguments, **options)
 
     monkeypatch.setattr(workers, "render_frame", stopping)
     assert cli(*SHOT).code == 130
@@ -132,7 +132,7 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
     assert hidden(noisy) == [".bokehnet-shot-out.0001.png-6"]
     monkeypatch.setattr(workers, "render_frame", render)
 
-    def never(*given):
+    def never(*arguments):
         raise AssertionError("was looked through again")
 
     monkeypatch.setattr(FilteredShot, "_filtered", never)
@@ -142,7 +142,7 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
 
 
 def test_maps_of_other_files_are_not_taken(noisy, cli, monkeypatch):
-    monkeypatch.setattr(shot_files.shutil, "rmtree", lambda *given, **options: None)
+    monkeypatch.setattr(shot_files.shutil, "rmtree", lambda *arguments, **options: None)
     assert cli(*SHOT).code == 0
     before = bytes_of(noisy)
     monkeypatch.undo()
@@ -178,7 +178,7 @@ def test_a_shot_whose_size_changes_is_two(noisy, cli):
 
 
 def test_exact_maps_and_stills_are_no_shot_to_keep(noisy, cli, monkeypatch):
-    def never(*given, **options):
+    def never(*arguments, **options):
         raise AssertionError("a folder was asked for")
 
     monkeypatch.setattr(shot_files, "exclusive_folder", never)
@@ -201,7 +201,7 @@ def test_a_shot_that_another_process_has_gets_a_folder_of_its_own(noisy, cli):
 
 
 def test_a_full_disk_is_reported_in_one_line(noisy, cli, monkeypatch):
-    def full(*given, **options):
+    def full(*arguments, **options):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bokehnet.sequence.filtered_shot.np.save", full)
