@@ -415,6 +415,26 @@ def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
     return colors, _write(g, picture.defocus, index, defocus)
 
 
+def _known_or_estimated(
+    g: Graph, picture: _Picture, own: Value, known: tuple[Value, Value] | None
+) -> tuple[Value, Value]:
+    """Return the known background if it has pixels, else :func:`_background`."""
+    if known is None:
+        return _background(g, picture, own)
+    colors, defocus = known
+
+    def estimated() -> Value:
+        hidden, behind = _background(g, picture, own)
+        return g.concat([hidden, behind.reshape(-1, 1)], 1)
+
+    def given() -> Value:
+        behind = g.minimum(defocus.reshape(-1), picture.defocus)
+        return g.concat([g.maximum(colors, 0).reshape(-1, 3), behind.reshape(-1, 1)], 1)
+
+    layer = g.branch(colors.size(0) > 0, given, estimated)
+    return layer.cut(1, 0, 3), layer.cut(1, 3, 4).reshape(-1)
+
+
 def _with_lines(
     g: Graph, mean: Value, members: list[Value], lengths: list[Value], edge_colors: list[Value]
 ) -> Value:
@@ -483,19 +503,23 @@ def _edge_mean(
     return color_sum / total.reshape(-1, 1), depth_sum / total, own.take(edge)
 
 
-def split_layers(g: Graph, image: Value, defocus: Value) -> GraphLayers:
+def split_layers(
+    g: Graph, image: Value, defocus: Value, background: tuple[Value, Value] | None = None
+) -> GraphLayers:
     """Return the layers of a picture.
 
     Args:
         g: Open graph.
         image: Scene-linear picture, (3, H, W), float32.
         defocus: Signed blur radius in pixels, (H, W), float32.
+        background: Known colours (H, W, 3) and defocus (H, W) of what the picture occludes, those of the
+            picture elsewhere; of no pixels if they are unknown.
     """
     picture = _Picture(g, image, defocus)
     mixed = _unmix(g, picture)
     side = mixed.is_front.reshape(-1, 1)
     own = _write(g, picture.colors, mixed.places, g.where(side, mixed.front, mixed.back))
-    hidden, behind = _background(g, picture, own)
+    hidden, behind = _known_or_estimated(g, picture, own, background)
     last_color = g.where(side, hidden.take(mixed.places), mixed.back)
     last_depth = g.where(mixed.is_front, behind.take(mixed.places), mixed.far)
     ones = picture.defocus * 0 + 1
