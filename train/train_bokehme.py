@@ -44,6 +44,7 @@ class BokehMeRun:
     Attributes:
         data, optim, model: Configurations of these parts.
         arnet: Checkpoint or export of the trained ARNet; empty trains ARNet itself.
+        start: Checkpoint or export with the initial weights of a new run; empty: random weights.
         held_out: Number of held-out pictures scored at each validation.
     """
 
@@ -51,6 +52,7 @@ class BokehMeRun:
     optim: OptimConfig
     model: BokehMeConfig = field(default_factory=BokehMeConfig)
     arnet: str = ""
+    start: str = ""
     held_out: int = 12
 
 
@@ -65,34 +67,36 @@ class _CropsWithGamma:
         self.crops = crops
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Draw one example; its ``gamma`` has shape (1, 1, 1)."""
+        """Draw one example; its ``gamma`` has shape (1, 1, 1).
+
+        Half of the examples have the gamma of displays, the others any.
+        """
         example = self.crops.draw(rng)
-        return example | {"gamma": torch.full((1, 1, 1), rng.uniform(*GAMMA_RANGE), dtype=torch.float32)}
+        gamma = DISPLAY_GAMMA if rng.random() < 0.5 else rng.uniform(*GAMMA_RANGE)
+        return example | {"gamma": torch.full((1, 1, 1), gamma, dtype=torch.float32)}
 
 
-def _encoded(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return picture and truth of a batch, encoded by the gamma of each example, and the gammas."""
-    gamma = batch["gamma"]
-    image, truth = (batch[name].clamp(min=0) ** (1 / gamma) for name in ("image", "truth"))
-    return image, truth, gamma
+def _encoded(batch: dict[str, Tensor], *names: str) -> list[Tensor]:
+    """Return pictures of a batch, encoded by the gamma of each example."""
+    return [batch[name].clamp(min=0) ** (1 / batch["gamma"]) for name in names]
 
 
 def _arnet_loss(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-    image, truth, gamma = _encoded(batch)
-    bokeh, error_map = network(image, batch["defocus"], normalised_gamma(gamma))
-    return bokehme_loss([(bokeh, truth, batch["target"])], error_map, batch["target"])
+    image, truth, classical = _encoded(batch, "image", "truth", "classical")
+    bokeh, error_map = network(image, batch["defocus"], normalised_gamma(batch["gamma"]))
+    return bokehme_loss([(bokeh, truth, batch["target"])], error_map, classical)
 
 
 def _iunet_loss(
     arnet: nn.Module, network: nn.Module, batch: dict[str, Tensor]
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    image, truth, gamma = _encoded(batch)
+    image, truth = _encoded(batch, "image", "truth")
     defocus, height, width = batch["defocus"], *image.shape[-2:]
     # At least one step of upsampling, so that every batch teaches.
     factor = max(2.0, float(defocus.abs().max()) / UNIT_PX)
     size = [2 * round(0.5 * side / factor) for side in (height, width)]
     small = resize(defocus, *size) / factor
-    gamma = normalised_gamma(gamma)
+    gamma = normalised_gamma(batch["gamma"])
     with torch.no_grad():
         coarse, _ = arnet(resize(image, *size), small, gamma)
         dilated = torch.from_numpy(coarse_dilation(small.cpu().numpy())).to(defocus)

@@ -1,14 +1,16 @@
-"""Quality of rays as tensor operations: ``python -m benchmarks.quality.tensors FOLDER``.
+"""Quality, time and size of rays as tensor operations: ``python -m benchmarks.quality.tensors FOLDER``.
 
-FOLDER holds scenes as for :mod:`benchmarks.quality.cycles`. All methods render the same layers, those of the
-numba rays:
+FOLDER holds scenes as for :mod:`benchmarks.quality.cycles`. Three methods render the same layers, those of
+the numba rays:
 
 - ``rays``: the numba kernels, with the scatter on single surfaces and lights splatted whole;
 - ``layered``: :func:`bokehnet.torch.layered`, searches along pupil samples;
 - ``splatted``: the layers in slices of the defocus, each spread over its discs and composited by its
   coverage, front to back.
 
-``onnx`` is the file of ``bokehnet export --engine rays``, with layers of its own.
+``file`` is the file of ``bokehnet export --engine rays`` in ONNX Runtime, with layers of its own; ``fast``,
+``neural`` and ``bokehme`` are engines and the baseline. The time is user and system time of one picture; that
+of the slow ``layered`` and ``bokehme`` is four times the time of a quarter of the picture.
 
 Source: Sheng et al., "Dr.Bokeh: DiffeRentiable Occlusion-aware Bokeh Rendering", CVPR 2024, for layers that
 are splatted with occlusion; our slices are simpler.
@@ -16,6 +18,7 @@ are splatted with occlusion; our slices are simpler.
 
 import argparse
 import math
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -25,13 +28,17 @@ import onnxruntime
 import torch
 
 from benchmarks.figures import write_figures
+from benchmarks.measurement import scene
 from benchmarks.quality.cycles import read_shots, scene_folders
+from bokehnet.baselines.spread.bokehme import bokehme
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.aperture import Aperture
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.settings.engine_settings import EngineName
 from bokehnet.torch import layered
 from train.scores.evaluation_sets import Shot
 from train.scores.metrics import compare, encode, mean_scores, psnr
@@ -41,6 +48,10 @@ _COLUMNS = {
     "psnr": ("PSNR", ".2f"),
     "to_rays": ("PSNR to rays", ".2f"),
 }
+_COSTS = {"seconds": ("processor s", ".1f"), "megabytes": ("file, MB (0: none)", ".1f")}
+
+# Size, blur radius in pixels, and methods that are timed on a quarter of the picture.
+_SIZE, _BLUR_PX, _SLOW = (1920, 1080), 20.0, ("layered", "bokehme")
 
 # Number of slices of the defocus.
 _SLICES = 16
@@ -82,12 +93,14 @@ def render_splatted(stack: Layers) -> np.ndarray:
     return picture
 
 
-def file_renderer() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return a function of image and defocus that runs the exported file."""
+Render = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def file_renderer(content: bytes) -> Render:
+    """Return a function of image and defocus that runs an exported file."""
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
-    model = build_model(engine="rays").SerializeToString()
-    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     scalars = {name: np.array(x, np.float32) for name, x in {"K": 1, "focus": 0, "gamma": 1}.items()}
 
     def render(image: np.ndarray, defocus: np.ndarray) -> np.ndarray:
@@ -96,16 +109,47 @@ def file_renderer() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return render
 
 
-def score(shot: Shot, samples: int, in_file: Callable[..., np.ndarray]) -> dict[str, dict[str, float]]:
+def _layers(image: np.ndarray, defocus: np.ndarray) -> Layers:
+    return split_layers(image, defocus, math.ceil(float(np.abs(defocus).max())))
+
+
+def make_methods(samples: int) -> tuple[dict[str, Render], dict[str, float]]:
+    """Return functions of image and defocus by name, and the sizes of their files, MB."""
+    files = {
+        name: build_model(engine=engine).SerializeToString()
+        for name, engine in (("file", "rays"), ("fast", "fast"), ("neural", "neural"), ("bokehme", "bokehme"))
+    }
+
+    def engine(name: EngineName) -> Render:
+        renderer = BokehRenderer(name)
+        return lambda image, defocus: renderer.render_arrays(image, defocus).bokeh
+
+    methods: dict[str, Render] = {
+        "rays": rays,
+        "layered": lambda image, defocus: render_layered(_layers(image, defocus), Aperture(), samples),
+        "splatted": lambda image, defocus: render_splatted(_layers(image, defocus)),
+        "file": file_renderer(files["file"]),
+        "fast": engine("fast"),
+        "neural": engine("neural"),
+        "bokehme": bokehme,
+    }
+    return methods, {name: len(content) / 1e6 for name, content in files.items()}
+
+
+def processor_seconds(name: str, render: Render) -> float:
+    """Return user and system time of one picture of ``_SIZE``, seconds."""
+    share = 2 if name in _SLOW else 1
+    image, defocus = scene(_SIZE[0] // share, _SIZE[1] // share, _BLUR_PX)
+    render(image[:64, :64].copy(), defocus[:64, :64].copy())
+    start = time.process_time()
+    render(image, defocus)
+    return share**2 * (time.process_time() - start)
+
+
+def score(shot: Shot, methods: dict[str, Render]) -> dict[str, dict[str, float]]:
     """Return the scores of all methods on a shot with a round aperture."""
     image, defocus = np.asarray(shot.image, np.float32), np.asarray(shot.defocus, np.float32)
-    stack = split_layers(image, defocus, math.ceil(float(np.abs(defocus).max())))
-    pictures = {
-        "rays": rays(image, defocus, aperture=shot.aperture),
-        "layered": render_layered(stack, shot.aperture, samples),
-        "splatted": render_splatted(stack),
-        "onnx": in_file(image, defocus),
-    }
+    pictures = {name: render(image, defocus) for name, render in methods.items()}
     expected = encode(np.clip(pictures["rays"], 0, 1))
     scores = {}
     for name, picture in pictures.items():
@@ -121,22 +165,39 @@ def main() -> None:
     parser.add_argument("--shots", type=int, default=5, help="shots with a round aperture of each scene")
     parser.add_argument("--samples", type=int, default=32, help="pupil samples of layered")
     parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
+    parser.add_argument("--methods", nargs="+", help="methods to measure beside rays; default: all")
     arguments = parser.parse_args()
-    rows, in_file = [], file_renderer()
+    methods, sizes = make_methods(arguments.samples)
+    if arguments.methods:
+        methods = {name: methods[name] for name in ("rays", *arguments.methods)}
+    columns, rows = dict(_COLUMNS), []
+    edges: dict[str, dict[str, float]] = {name: {} for name in methods}
     for folder in scene_folders(arguments.folder):
-        round_shots = [shot for shot in read_shots(folder) if shot.aperture.is_disc]
-        for shot in round_shots[: arguments.shots]:
-            rows.append(score(shot, arguments.samples, in_file))
-            for name, scores in rows[-1].items():
+        own = []
+        for shot in [shot for shot in read_shots(folder) if shot.aperture.is_disc][: arguments.shots]:
+            own.append(score(shot, methods))
+            for name, scores in own[-1].items():
                 line = "".join(f"{scores[column]:9.2f}" for column in _COLUMNS)
                 print(f"{folder.name:16s}{name:10s}{line}", flush=True)
-    means = {name: mean_scores([row[name] for row in rows]) for name in rows[0]}
+        rows += own
+        short = folder.name.split("_")[0]
+        columns[short] = (f"edge PSNR {short}", ".2f")
+        for name in methods:
+            edges[name][short] = float(np.mean([row[name]["edge_psnr"] for row in own]))
+    means = {name: mean_scores([row[name] for row in rows]) | edges[name] for name in methods}
     for name, scores in means.items():
-        print(f"{'mean':16s}{name:10s}" + "".join(f"{scores[column]:9.2f}" for column in _COLUMNS))
+        scores["seconds"] = processor_seconds(name, methods[name])
+        scores["megabytes"] = sizes.get(name, 0.0)
+        columns |= _COSTS
+        line = "".join(f"{scores[column]:9.2f}" for column in columns)
+        print(f"{'mean':16s}{name:10s}{line}", flush=True)
     if arguments.figures:
         command = f"python -m benchmarks.quality.tensors FOLDER --shots {arguments.shots}"
-        conditions = f"{len(rows)} path-traced pictures, true depth, dB of the clipped sRGB picture"
-        write_figures(arguments.figures, command, conditions, _COLUMNS, means)
+        conditions = (
+            f"{len(rows)} path-traced pictures, true depth, dB of the clipped sRGB picture; "
+            f"time of {_SIZE[0]}x{_SIZE[1]} pixels, blur {_BLUR_PX:g} px"
+        )
+        write_figures(arguments.figures, command, conditions, columns, means)
 
 
 if __name__ == "__main__":

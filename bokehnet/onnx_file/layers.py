@@ -1,11 +1,12 @@
 """Layers of a picture as ONNX operators: unmixed pixels at depth edges, and the occluded background.
 
-Simpler than :mod:`bokehnet.classical.layered`: pixels are unmixed once from the means of their surfaces in a
-window, without iterations and without location of the edges; the background is the mean that eight
-directions find, without continued lines and exemplars; soft steps of the defocus are not sharpened, lights
-are not treated apart, and there is no third layer.
+Pixels are unmixed as in :mod:`bokehnet.classical.layered.boundaries.unmixing`, with its iterations and the
+location of edges. The rest is simpler than :mod:`bokehnet.classical.layered`: the background is the mean that
+eight directions find, with lines only along these directions and without exemplars; soft and slight steps of
+the defocus are not treated apart, nor are lights, and there is no third layer.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,13 @@ _SAMPLE_SPACING = 0.25
 _MAX_SLOPE = 0.1
 
 _EPSILON = 1e-9
+
+# Relative difference of two sides up to which they count as alike, and the distance in pixels at which lines
+# between them have the weight 1 / e.
+_LINE_CONTRAST, _FADING_DISTANCE_PX = 0.05, 16.0
+
+# Upper bound of a variance that nothing limits.
+_NO_LIMIT = 1e30
 
 
 class GraphLayers(NamedTuple):
@@ -91,62 +99,90 @@ def _surfaces(g: Graph, picture: _Picture, index: Value) -> tuple[Value, Value, 
     return g.where(is_back, near, own), g.where(is_back, own, far), coverage, ~is_back
 
 
-def _surface_means(
-    g: Graph, picture: _Picture, mixed_weight: Value, index: Value, surfaces: tuple[Value, Value]
-) -> list[tuple[Value, Value]]:
-    """Return mean colour (N, 3) and variance (N, 1) of each surface in the window around its pixels."""
-    reach = PRIOR.window_px
+class _Surfaces(NamedTuple):
+    """Both surfaces of mixed pixels: colours (N, 3), coverage (N, 1) by the nearer."""
+
+    front: Value
+    back: Value
+    coverage: Value
+
+
+class _Evidence(NamedTuple):
+    """Constants of the unmixing: place, own colour, defocus of both surfaces, and tolerance of membership."""
+
+    place: Value
+    pixel: Value
+    near: Value
+    far: Value
+    tolerance: Value
+
+
+def _window(picture: _Picture, index: Value, reach: int) -> tuple[Callable[[Value], Value], np.ndarray]:
+    """Return a function that returns the neighbours of a number, and the offsets of all numbers, (2, N)."""
     offsets = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
-    window = np.exp(-(offsets**2).sum(0) / PRIOR.window_variance).astype(np.float32)
-    rows, columns, weights = g.constant(offsets[0]), g.constant(offsets[1]), g.constant(window)
+    rows, columns = (picture.g.constant(axis) for axis in offsets)
     row, column = index // picture.width, index % picture.width
-    tolerance = (surfaces[0] - surfaces[1]) * 0.5
-    tolerance = g.minimum(tolerance, DISCONTINUITY_THRESHOLD)
+
+    def at(number: Value) -> Value:
+        return picture.index(row + rows.take(number), column + columns.take(number))
+
+    return at, offsets
+
+
+def _variance(g: Graph, moments: Value) -> tuple[Value, Value]:
+    """Return mean (N, 3) and variance (N, 1) of sums of colours, their squares, and weights, (N, 7)."""
+    means = moments / g.maximum(moments.cut(1, 6, 7), _EPSILON)
+    color = means.cut(1, 0, 3)
+    return color, g.maximum((means.cut(1, 3, 6) - color * color).mean(1).reshape(-1, 1), 0)
+
+
+def _surface_means(
+    g: Graph, picture: _Picture, is_mixed: Value, known: _Evidence
+) -> list[tuple[Value, Value, Value]]:
+    """Return mean colour (N, 3), variance (N, 1) and its upper bound of each surface around its pixels."""
+    at, offsets = _window(picture, known.place, PRIOR.window_px)
+    weights = g.constant(np.exp(-(offsets**2).sum(0) / PRIOR.window_variance).astype(np.float32))
+    mixed_weight = g.where(is_mixed, g.constant(PRIOR.mixed_weight, np.float32), g.constant(1, np.float32))
+    is_pure = (~is_mixed).astype(np.float32)
 
     def add(iteration: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
-        at = picture.index(row + rows.take(iteration), column + columns.take(iteration))
-        color, defocus = picture.colors.take(at), picture.defocus.take(at)
+        place = at(iteration)
+        color, defocus = picture.colors.take(place), picture.defocus.take(place)
         moments = g.concat([color, color * color, color.cut(1, 0, 1) * 0 + 1], 1)
-        weight = mixed_weight.take(at) * weights.take(iteration)
+        weight, pure = mixed_weight.take(place) * weights.take(iteration), is_pure.take(place)
         result = []
-        for total, surface in zip(sums, surfaces, strict=True):
-            member = (abs(defocus - surface) <= tolerance).astype(np.float32)
-            result.append(total + moments * (member * weight).reshape(-1, 1))
+        for number, surface in enumerate((known.near, known.far)):
+            member = (abs(defocus - surface) <= known.tolerance.reshape(-1)).astype(np.float32)
+            result.append(sums[2 * number] + moments * (member * weight).reshape(-1, 1))
+            result.append(sums[2 * number + 1] + moments * (member * pure).reshape(-1, 1))
         return result, []
 
-    zeros = g.zeros(np.float32, index.size(0), 7)
-    sums = g.loop(add, [zeros, zeros], times=g.sizes(offsets.shape[1]))
-    means = []
-    for total in sums:
-        moments = total / g.maximum(total.cut(1, 6, 7), _EPSILON)
-        color = moments.cut(1, 0, 3)
-        variance = (moments.cut(1, 3, 6) - color * color).mean(1).reshape(-1, 1)
-        means.append((color, g.maximum(variance, 0)))
-    return means
+    zeros = g.zeros(np.float32, known.place.size(0), 7)
+    sums = g.loop(add, [zeros] * 4, times=g.sizes(offsets.shape[1]))
+    means = [_variance(g, total) for total in (sums[0], sums[2])]
+    limits = [_variance(g, total)[1] * PRIOR.max_variance_ratio for total in (sums[1], sums[3])]
+    count = g.minimum(sums[1].cut(1, 6, 7), sums[3].cut(1, 6, 7))
+    limits = [g.where(count >= PRIOR.min_pure_pixels, limit, _NO_LIMIT) for limit in limits]
+    return [(*mean, limit) for mean, limit in zip(means, limits, strict=True)]
 
 
-def _unmix(g: Graph, picture: _Picture) -> _Mixed:
-    """Return the mixed pixels, unmixed in closed form, see :mod:`...boundaries.unmixing`."""
-    batch = picture.defocus.reshape(1, 1, picture.height, picture.width)
-    window = {"kernel_shape": [3, 3], "pads": [1, 1, 1, 1]}
-    highest = g.op("MaxPool", batch, **window).reshape(-1)
-    lowest = -g.op("MaxPool", -batch, **window).reshape(-1)
-    step = g.maximum(highest - picture.defocus, picture.defocus - lowest)
-    is_mixed = step > DISCONTINUITY_THRESHOLD
-    index = g.op("NonZero", is_mixed, dtype=np.int64).reshape(-1)
-    near, far, initial, is_front = _surfaces(g, picture, index)
-    weight = g.where(is_mixed, g.constant(PRIOR.mixed_weight, np.float32), g.constant(1, np.float32))
-    (front, front_variance), (back, back_variance) = _surface_means(g, picture, weight, index, (near, far))
-    pixel, coverage = picture.colors.take(index), initial.reshape(-1, 1)
+def _unmix_pixels(
+    g: Graph, pixel: Value, start: _Surfaces, variances: tuple[Value, Value], sigma: float
+) -> _Surfaces:
+    """Return the most probable colours and coverage, from means and an expected coverage.
+
+    The formulas are those of :mod:`bokehnet.classical.layered.boundaries.unmixing`.
+    """
+    front, back, coverage = start
     square = ((front * front).sum(1) + (back * back).sum(1)).reshape(-1, 1) / 3
     floor = square * PRIOR.min_relative_sigma**2 + PRIOR.min_sigma**2
-    front_variance, back_variance = front_variance + floor, back_variance + floor
+    front_variance, back_variance = (variance + floor for variance in variances)
 
     def gains(coverage: Value) -> tuple[Value, Value, Value]:
         front_gain, back_gain = coverage * front_variance, (1 - coverage) * back_variance
         return front_gain, back_gain, coverage * front_gain + (1 - coverage) * back_gain
 
-    shift = PRIOR.coverage_sigma**2
+    shift = sigma**2
     front_gain, back_gain, spread = gains(coverage)
     difference = front - back
     error = pixel - coverage * front - (1 - coverage) * back
@@ -157,7 +193,130 @@ def _unmix(g: Graph, picture: _Picture) -> _Mixed:
     coverage = (coverage + along * shift).clip(0, 1)
     front_gain, back_gain, spread = gains(coverage)
     error = (pixel - coverage * front - (1 - coverage) * back) / spread
-    front, back = g.maximum(front + front_gain * error, 0), g.maximum(back + back_gain * error, 0)
+    front, back = front + front_gain * error, back + back_gain * error
+    is_dark_front = (front < 0) & (coverage < 1)
+    is_dark_back = (back < 0) & (coverage > 0) & ~is_dark_front
+    rest_front = pixel / g.maximum(coverage, _EPSILON)
+    rest_back = pixel / g.maximum(1 - coverage, _EPSILON)
+    clipped = g.where(is_dark_front, 0.0, g.where(is_dark_back, rest_front, front))
+    back = g.where(is_dark_front, rest_back, g.where(is_dark_back, 0.0, back))
+    return _Surfaces(g.maximum(clipped, 0), g.maximum(back, 0), coverage)
+
+
+class _Iterations(NamedTuple):
+    """Number of iterations, deviation of the coverage, and largest variance (N, 1) of both surfaces."""
+
+    times: int
+    sigma: float
+    limits: tuple[Value, Value]
+
+
+def _iterate(
+    g: Graph, picture: _Picture, known: _Evidence, state: _Surfaces, expected: Value, settings: _Iterations
+) -> _Surfaces:
+    """Unmix again several times, from the unmixed colours of the 3x3 pixels around.
+
+    Args:
+        g: Open graph.
+        picture: Picture.
+        known: Constants of the mixed pixels.
+        state: Surfaces of the previous iteration.
+        expected: Coverage from the position of the edges, (N, 1).
+        settings: Number of iterations, deviation of the coverage, and largest variances.
+    """
+    at, offsets = _window(picture, known.place, 1)
+    weights = g.constant(np.exp(-(offsets**2).sum(0) / PRIOR.neighbour_variance).astype(np.float32))
+    # Pure pixels are the near side of themselves, with the coverage whose weight is 1.
+    pure = picture.defocus.reshape(-1, 1)
+    whole = pure * 0 + (1 - PRIOR.min_weight) ** 0.5
+    base = g.concat([picture.colors, picture.colors, pure, pure, whole], 1)
+    depths = [known.near.reshape(-1, 1), known.far.reshape(-1, 1)]
+    tolerance = known.tolerance
+
+    def unmix(_: Value, *state: Value) -> tuple[list[Value], list[Value]]:
+        front, back, coverage = state
+        own = g.concat([front, back, *depths, coverage], 1)
+        table = _write(g, base, known.place, own)
+
+        def add(number: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
+            other = table.take(at(number))
+            near, far, share = (other.cut(1, i, i + 1) for i in (6, 7, 8))
+            result = []
+            for total, depth in zip(sums, depths, strict=True):
+                to_near, to_far = abs(near - depth), abs(far - depth)
+                is_near = to_near <= to_far
+                covered = g.where(is_near, share, 1 - share)
+                member = g.minimum(to_near, to_far) <= tolerance
+                weight = (covered * covered + PRIOR.min_weight) * weights.take(number)
+                weight = weight * member.astype(np.float32)
+                color = g.where(is_near, other.cut(1, 0, 3), other.cut(1, 3, 6))
+                result.append(total + g.concat([color, color * color, weight * 0 + 1], 1) * weight)
+            return result, []
+
+        zeros = g.zeros(np.float32, known.place.size(0), 7)
+        means = [_variance(g, total) for total in g.loop(add, [zeros, zeros], times=g.sizes(9))]
+        variances = g.minimum(means[0][1], settings.limits[0]), g.minimum(means[1][1], settings.limits[1])
+        start = _Surfaces(means[0][0], means[1][0], expected)
+        return list(_unmix_pixels(g, known.pixel, start, variances, settings.sigma)), []
+
+    return _Surfaces(*g.loop(unmix, list(state), times=g.sizes(settings.times)))
+
+
+def _edge_slope(coverage: Value) -> Value:
+    return (coverage * (1 - coverage) * 4).clip(PRIOR.min_edge_slope)
+
+
+def _locate_edges(g: Graph, picture: _Picture, known: _Evidence, initial: Value, state: _Surfaces) -> Value:
+    """Return the coverage (N, 1) from the edge position common to the mixed pixels around."""
+    at, offsets = _window(picture, known.place, PRIOR.edge_window_px)
+    weights = np.exp(-(offsets**2).sum(0) / PRIOR.edge_window_variance).astype(np.float32)
+    weights = g.constant(weights)
+    difference = state.front - state.back
+    contrast = (difference * difference).sum(1).reshape(-1, 1)
+    contrast = contrast / (contrast + PRIOR.edge_contrast)
+    slope = _edge_slope(initial)
+    depths = [known.near.reshape(-1, 1), known.far.reshape(-1, 1)]
+    own = g.concat([*depths, contrast * slope * (state.coverage - initial), contrast * slope * slope], 1)
+    base = g.zeros(np.float32, picture.defocus.size(0), 4)
+    base = base + g.constant(np.array([[1e9, 1e9, 0, 0]]), np.float32)
+    table = _write(g, base, known.place, own)
+
+    def add(number: Value, shift: Value, total: Value) -> tuple[list[Value], list[Value]]:
+        other = table.take(at(number))
+        is_near = abs(other.cut(1, 0, 1) - depths[0]) <= known.tolerance
+        is_far = abs(other.cut(1, 1, 2) - depths[1]) <= known.tolerance
+        weight = (is_near & is_far).astype(np.float32) * weights.take(number)
+        return [shift + weight * other.cut(1, 2, 3), total + weight * other.cut(1, 3, 4)], []
+
+    start = [initial * 0, initial * 0 + PRIOR.edge_prior_weight]
+    shift, total = g.loop(add, start, times=g.sizes(offsets.shape[1]))
+    return (initial + slope * shift / total).clip(0, 1)
+
+
+def _unmix(g: Graph, picture: _Picture) -> _Mixed:
+    """Return the mixed pixels, unmixed as in :mod:`bokehnet.classical.layered.boundaries.unmixing`."""
+    reach = len(DEFAULT_FILTER.weights()) // 2
+    batch = picture.defocus.reshape(1, 1, picture.height, picture.width)
+    window = {"kernel_shape": [2 * reach + 1] * 2, "pads": [reach] * 4}
+    highest = g.op("MaxPool", batch, **window).reshape(-1)
+    lowest = -g.op("MaxPool", -batch, **window).reshape(-1)
+    step = g.maximum(highest - picture.defocus, picture.defocus - lowest)
+    is_mixed = step > DISCONTINUITY_THRESHOLD
+    index = g.op("NonZero", is_mixed, dtype=np.int64).reshape(-1)
+    near, far, initial, is_front = _surfaces(g, picture, index)
+    initial = initial.reshape(-1, 1)
+    tolerance = g.minimum((near - far) * 0.5, DISCONTINUITY_THRESHOLD).reshape(-1, 1)
+    known = _Evidence(index, picture.colors.take(index), near, far, tolerance)
+    (front, *front_spread), (back, *back_spread) = _surface_means(g, picture, is_mixed, known)
+    limits = front_spread[1], back_spread[1]
+    variances = g.minimum(front_spread[0], limits[0]), g.minimum(back_spread[0], limits[1])
+    start = _Surfaces(front, back, initial)
+    state = _unmix_pixels(g, known.pixel, start, variances, PRIOR.coverage_sigma)
+    settings = _Iterations(PRIOR.iterations, PRIOR.coverage_sigma, limits)
+    state = _iterate(g, picture, known, state, initial, settings)
+    located = _locate_edges(g, picture, known, initial, state)
+    settings = _Iterations(PRIOR.located_iterations, PRIOR.located_sigma, limits)
+    front, back, coverage = _iterate(g, picture, known, state, located, settings)
     return _Mixed(index, near, far, front, back, coverage.reshape(-1), is_front)
 
 
@@ -235,19 +394,75 @@ def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
         best_length = g.where(better, lengths[i], best_length)
     total, depth_sum = best * 0, best * 0
     color_sum = g.zeros(np.float32, index.size(0), 3)
+    members, edge_colors = [], []
     for direction, count, depth, length, weight in zip(
         _DIRECTIONS, counts, depths, lengths, inverse, strict=True
     ):
         apart = g.maximum(length, best_length)
         agrees = abs(depth - best_depth) <= apart * _MAX_SLOPE + DISCONTINUITY_THRESHOLD
         weight = weight * agrees.astype(np.float32)
-        color, mean_depth = _edge_mean(g, picture, own, (row, column), direction, count, depth)
+        color, mean_depth, edge_color = _edge_mean(g, picture, own, (row, column), direction, count, depth)
         total, depth_sum = total + weight, depth_sum + weight * mean_depth
         color_sum = color_sum + weight.reshape(-1, 1) * color
+        members.append((weight > 0).astype(np.float32))
+        edge_colors.append(edge_color)
     total = g.maximum(total, _EPSILON)
     defocus = g.minimum(depth_sum / total, picture.defocus.take(index))
-    colors = _write(g, own, index, color_sum / total.reshape(-1, 1))
+    color = _with_lines(g, color_sum / total.reshape(-1, 1), members, lengths, edge_colors)
+    colors = _write(g, own, index, color)
     return colors, _write(g, picture.defocus, index, defocus)
+
+
+def _known_or_estimated(
+    g: Graph, picture: _Picture, own: Value, known: tuple[Value, Value] | None
+) -> tuple[Value, Value]:
+    """Return the known background if it has pixels, else :func:`_background`."""
+    if known is None:
+        return _background(g, picture, own)
+    colors, defocus = known
+
+    def estimated() -> Value:
+        hidden, behind = _background(g, picture, own)
+        return g.concat([hidden, behind.reshape(-1, 1)], 1)
+
+    def given() -> Value:
+        behind = g.minimum(defocus.reshape(-1), picture.defocus)
+        return g.concat([g.maximum(colors, 0).reshape(-1, 3), behind.reshape(-1, 1)], 1)
+
+    layer = g.branch(colors.size(0) > 0, given, estimated)
+    return layer.cut(1, 0, 3), layer.cut(1, 3, 4).reshape(-1)
+
+
+def _with_lines(
+    g: Graph, mean: Value, members: list[Value], lengths: list[Value], edge_colors: list[Value]
+) -> Value:
+    """Return the occluded colours (N, 3) with lines that continue between two sides of an occluder.
+
+    The background is interpolated along the row, column or diagonal on which both sides differ least. The
+    farther the sides, the more the mean prevails.
+
+    Args:
+        g: Open graph.
+        mean: Mean colours of the background, (N, 3).
+        members: For each direction 1 where it meets the background, (N,).
+        lengths: Distance in pixels in each direction, (N,).
+        edge_colors: Colour that each direction meets, (N, 3).
+    """
+    total, nearest = mean.cut(1, 0, 1) * 0 + _EPSILON, mean.cut(1, 0, 1) * 0 + 1e9
+    line = mean * _EPSILON
+    for first in range(0, len(_DIRECTIONS), 2):
+        a, b = edge_colors[first], edge_colors[first + 1]
+        near, far = (lengths[i].reshape(-1, 1) for i in (first, first + 1))
+        exists = (members[first] * members[first + 1]).reshape(-1, 1)
+        apart = g.maximum(near + far, 1)
+        square = ((a - b) * (a - b)).sum(1).reshape(-1, 1)
+        level = ((a + b) * (a + b)).sum(1).reshape(-1, 1) * _LINE_CONTRAST**2 + _EPSILON
+        weight = exists / (apart * apart * (square + level))
+        line = line + (a * far + b * near) / apart * weight
+        total = total + weight
+        nearest = g.where(exists > 0, g.minimum(nearest, g.minimum(near, far)), nearest)
+    fading = g.op("Exp", nearest * (-1 / _FADING_DISTANCE_PX))
+    return mean + (line / total - mean) * fading
 
 
 def _edge_mean(
@@ -258,8 +473,11 @@ def _edge_mean(
     direction: tuple[int, int],
     count: Value,
     depth: Value,
-) -> tuple[Value, Value]:
-    """Return mean colour (N, 3) and defocus (N,) of the surface that a direction meets, from 3x3 samples."""
+) -> tuple[Value, Value, Value]:
+    """Return colour (N, 3) and defocus (N,) of the surface that a direction meets, from 3x3 samples.
+
+    The third value is the colour of the pixel that it meets, (N, 3).
+    """
     steps = count.astype(np.int64)
     spacing = g.maximum(g.round(count * _SAMPLE_SPACING).astype(np.int64), 1)
     row, column = place[0] + steps * direction[0], place[1] + steps * direction[1]
@@ -280,22 +498,26 @@ def _edge_mean(
         return [total + member, depth_sum + member * defocus, color_sum], []
 
     total, depth_sum, color_sum = g.loop(add, [total, depth_sum, color_sum], times=g.sizes(9))
-    return color_sum / total.reshape(-1, 1), depth_sum / total
+    return color_sum / total.reshape(-1, 1), depth_sum / total, own.take(edge)
 
 
-def split_layers(g: Graph, image: Value, defocus: Value) -> GraphLayers:
+def split_layers(
+    g: Graph, image: Value, defocus: Value, background: tuple[Value, Value] | None = None
+) -> GraphLayers:
     """Return the layers of a picture.
 
     Args:
         g: Open graph.
         image: Scene-linear picture, (3, H, W), float32.
         defocus: Signed blur radius in pixels, (H, W), float32.
+        background: Known colours (H, W, 3) and defocus (H, W) of what the picture occludes, those of the
+            picture elsewhere; of no pixels if they are unknown.
     """
     picture = _Picture(g, image, defocus)
     mixed = _unmix(g, picture)
     side = mixed.is_front.reshape(-1, 1)
     own = _write(g, picture.colors, mixed.places, g.where(side, mixed.front, mixed.back))
-    hidden, behind = _background(g, picture, own)
+    hidden, behind = _known_or_estimated(g, picture, own, background)
     last_color = g.where(side, hidden.take(mixed.places), mixed.back)
     last_depth = g.where(mixed.is_front, behind.take(mixed.places), mixed.far)
     ones = picture.defocus * 0 + 1

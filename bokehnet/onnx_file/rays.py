@@ -1,11 +1,12 @@
 """Pupil rays through layers as ONNX operators, by the formulas of :mod:`bokehnet.pupil_rays`.
 
 Pixels are sorted by their number of slabs and traced in blocks, so that a block only visits the slabs that
-its pixels have. Surfaces are read at the nearest pixel. All 3x3 blocks of pixels use the same nine sets of
-pupil samples, so that means over windows of pixels, as in :mod:`bokehnet.torch.window_means`, have no noise.
+its pixels have. Surfaces are interpolated from the four pixels around a ray. All 3x3 blocks of pixels use the
+same nine sets of pupil samples, so that means over windows of pixels, as in
+:mod:`bokehnet.torch.window_means`, have no noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -33,8 +34,8 @@ __all__ = ["render_rays"]
 _SAMPLES, _SETS, _SLABS, _BLOCK_PIXELS = 16, 9, 6, 32768
 
 # Radius in pixels below which a surface is sharp; half-widths of the windows over which others are averaged,
-# pixels; half-width over blur radius.
-_SHARP_RADIUS_PX, _REACHES_PX, _REACH_BY_RADIUS = 4.0, (1, 2, 4, 8, 16, 32), 1 / 12
+# pixels; half-width over blur radius, larger than in the package (1 / 12), which traces more rays.
+_SHARP_RADIUS_PX, _REACHES_PX, _REACH_BY_RADIUS = 4.0, (1, 2, 4, 8, 16, 32), 1 / 8
 
 _EPSILON = 1e-9
 
@@ -122,6 +123,37 @@ def _find_slabs(g: Graph, layers: GraphLayers, height: Value, width: Value) -> t
     return [g.concat(column, 1) for column in values], columns
 
 
+def _surface_at(
+    layers_at: Callable[[Value, Value], Value], place: tuple[Value, Value], slab: Slab
+) -> tuple[Value, Value, Value]:
+    """Return coverage, defocus and weighted colour of the surfaces in a slab, from the four pixels around.
+
+    Args:
+        layers_at: Function that returns the colours (N, 6), defocus (N, 2) and coverage of both layers at
+            whole columns and rows, as (N, 9).
+        place: Columns and rows, (N,).
+        slab: Slab of each ray.
+    """
+    g = place[0].graph
+    left, top = (g.floor(x) for x in place)
+    across, down = place[0] - left, place[1] - top
+    alpha, depth, color = across * 0, across * 0, None
+    for i, down_weight in ((0, 1 - down), (1, down)):
+        for j, across_weight in ((0, 1 - across), (1, across)):
+            layers = layers_at(left + j, top + i)
+            front, back, coverage = (layers.cut(1, c, c + 1).reshape(-1) for c in (6, 7, 8))
+            weight = down_weight * across_weight
+            front_weight = g.where(is_inside(slab, front), weight * coverage, 0)
+            back_weight = g.where(is_inside(slab, back), weight - front_weight, 0)
+            alpha = alpha + front_weight + back_weight
+            depth = depth + front_weight * front + back_weight * back
+            colors = layers.cut(1, 0, 3) * front_weight.reshape(-1, 1)
+            colors = colors + layers.cut(1, 3, 6) * back_weight.reshape(-1, 1)
+            color = colors if color is None else color + colors
+    assert color is not None
+    return alpha, depth / g.maximum(alpha, _EPSILON), color
+
+
 def _trace(
     g: Graph, layers: GraphLayers, slabs: list[Value], tile: Value, pixels: Value, size: tuple[Value, Value]
 ) -> Value:
@@ -129,8 +161,8 @@ def _trace(
     height, width = size
     count = pixels.size(0)
     us, vs = (g.constant(axis) for axis in _points())
-    pixel_count = height * width
-    colors, coverage = g.concat(list(layers.colors)), g.concat([layers.coverage, layers.coverage * 0 + 1])
+    flat = [x.reshape(-1, 1) for x in (*layers.defocus, layers.coverage)]
+    table = g.concat([*layers.colors, *flat], 1)
     last_x, last_y = (width - 1).astype(np.float32), (height - 1).astype(np.float32)
 
     def block(iteration: Value) -> tuple[list[Value], list[Value]]:
@@ -150,6 +182,9 @@ def _trace(
             at = index_at(g.round(column), g.round(row))
             return [defocus.take(at) for defocus in layers.defocus]
 
+        def layers_at(column: Value, row: Value) -> Value:
+            return table.take(index_at(column, row))
+
         def sample(number: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
             at = first_sample + number
             u, v = us.take(at), vs.take(at)
@@ -157,17 +192,12 @@ def _trace(
             def visit(k: Value, transmitted: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
                 slab = Slab(*(table.take(k, axis=1) for table in own_slabs))
                 s = find_surface(defocus_at, (x, y), (u, v), slab)
-                nearest = index_at(g.round(x - s * u), g.round(y - s * v))
-                first_depth, second_depth = (defocus.take(nearest) for defocus in layers.defocus)
-                is_first, is_second = is_inside(slab, first_depth), is_inside(slab, second_depth)
-                depth = g.where(is_first, first_depth, second_depth)
-                surface = g.where(is_first, nearest, nearest + pixel_count)
-                alpha = g.where(is_first | is_second, coverage.take(surface), 0)
+                alpha, depth, color = _surface_at(layers_at, (x - s * u, y - s * v), slab)
                 weight = transmitted * alpha
                 radius = abs(depth)
                 shown = g.concat(
                     [
-                        colors.take(surface) * weight.reshape(-1, 1),
+                        color * transmitted.reshape(-1, 1),
                         weight.reshape(-1, 1),
                         (weight / g.maximum(radius, _SHARP_RADIUS_PX)).reshape(-1, 1),
                     ],

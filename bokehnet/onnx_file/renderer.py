@@ -23,6 +23,7 @@ from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.rays import render_rays
+from bokehnet.onnx_file.repair import build_repair, compare_repair
 from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
@@ -32,8 +33,8 @@ from bokehnet.version import __version__
 
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "RAYS_PARITY", "build_model", "export_renderer"]
 
-# Engines, and the baseline that has a file for comparisons.
-BASELINE = "bokehme"
+# Engines, and the baseline that has a file for comparisons; and the file that repairs maps.
+BASELINE, REPAIR = "bokehme", "repair"
 ONE_FILE_ENGINES = (*(name for name, spec in ENGINES.items() if spec.one_file), BASELINE)
 
 # Largest blur in pixels with which that file is compared; its scatter has a step for each offset of a disc.
@@ -90,17 +91,21 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
     ``bokeh`` (H, W, 3), scene-linear. The networks support only gamma 1; with any other the result is that of
-    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5.
+    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5. The rays have two optional
+    inputs for a known occluded background: ``background`` (H, W, 3) and ``background_disparity`` (H, W).
 
     Args:
         weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
-        engine: ``"fast"``, ``"neural"``, ``"rays"``, or the baseline ``"bokehme"``.
+        engine: ``"fast"``, ``"neural"``, ``"rays"``, the baseline ``"bokehme"``, or ``"repair"`` for
+            :func:`bokehnet.onnx_file.repair.build_repair`.
 
     Raises:
         ParameterError: Another engine, or weights for an engine without networks.
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
-    check_choice("engine", engine, ONE_FILE_ENGINES)
+    check_choice("engine", engine, (*ONE_FILE_ENGINES, REPAIR))
+    if engine == REPAIR:
+        return build_repair(weights)
     if engine == BASELINE:
         folder = weights or WEIGHTS / BASELINE
         return build_bokehme(*(onnx.load(folder / f"bokehme_{name}.onnx") for name in ("arnet", "iunet")))
@@ -123,7 +128,11 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
     blurred = scatter_beyond(g, encoded, defocus)
     if traces_rays:
-        blurred = _traced(g, image, defocus, blurred, gamma)
+        shape = ["background_height", "background_width"]
+        colors = g.optional_input("background", np.zeros((0, 0, 3), np.float32), [*shape, 3])
+        behind = g.optional_input("background_disparity", np.zeros((0, 0), np.float32), shape)
+        background = colors, defocus_from_disparity(behind, blur, focus)
+        blurred = _traced(g, image, defocus, blurred, gamma, background)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
@@ -149,7 +158,9 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     return model
 
 
-def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value) -> Value:
+def _traced(
+    g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value, background: tuple[Value, Value]
+) -> Value:
     """Blend the rays through the layers of a picture with its scatter ``smooth``, both of encoded light."""
     linear = gamma.reshape(1).equals(1)
     error_map = geometric_error_map(g, defocus)
@@ -158,7 +169,7 @@ def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value)
         return g.branch(linear, lambda: colors, lambda: gamma_curve(g, image, gamma).encode(colors))
 
     def blended() -> Value:
-        layers = split_layers(g, image, defocus)
+        layers = split_layers(g, image, defocus, background)
         first, second = (encode(colors) for colors in layers.colors)
         rays = render_rays(g, layers._replace(colors=(first, second)), error_map)
         return fuse(smooth, rays, error_map.reshape(1, defocus.size(0), defocus.size(1)))
@@ -185,6 +196,10 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress | None) -> list[float]:
     """Return the PSNR in dB between a file's content in ONNX Runtime and the package, one per trial."""
+    if engine == REPAIR:
+        return compare_repair(
+            model, weights, [_trial_picture(height, width) for height, width, *_ in _TRIALS]
+        )
     if engine == BASELINE:
         return _compare_baseline(model)
     report = progress or ignore_progress

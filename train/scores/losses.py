@@ -120,14 +120,17 @@ def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, di
 
 
 def bokehme_loss(
-    steps: list[tuple[Tensor, Tensor, Tensor]], error_map: Tensor | None = None, target: Tensor | None = None
+    steps: list[tuple[Tensor, Tensor, Tensor]],
+    error_map: Tensor | None = None,
+    classical: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the loss of BokehMe's networks, on encoded pictures; the published losses are unknown.
 
     Args:
         steps: Prediction (B, 3, h, w), truth and target (B, 1, h, w) at each size.
-        error_map: Error map of ARNet, (B, 1, H, W); ``None`` for IUNet.
-        target: Geometric error map, (B, 1, H, W).
+        error_map: Error map of ARNet at the size of the last step, (B, 1, H, W); ``None`` for IUNet. It is
+            drawn to the target, and by the fusion to the better picture.
+        classical: Encoded classical render at the size of the last step, (B, 3, H, W).
 
     Returns:
         Sum of the terms, and the terms by name.
@@ -138,8 +141,11 @@ def bokehme_loss(
         gradient = LossWeights.gradient * _gradient_l1(prediction, truth, weight)
         rows.append({"neural": _distance(prediction, truth, weight), "gradient": gradient})
     parts = {key: torch.stack([row[key] for row in rows]).mean() for key in rows[0]}
-    if error_map is not None and target is not None:
-        parts["error_map"] = LossWeights.error_map * F.mse_loss(error_map, target)
+    if error_map is not None and classical is not None:
+        bokeh, truth, near = steps[-1]
+        fused = fuse(classical, bokeh, error_map)
+        parts["fused"] = _distance(fused, truth, torch.ones_like(near))
+        parts["error_map"] = LossWeights.error_map * F.mse_loss(error_map, near)
     return torch.stack(list(parts.values())).sum(), parts
 
 

@@ -14,7 +14,8 @@ __all__ = ["export"]
 @click.option(
     "--engine",
     default="fast",
-    help="Engine: fast, neural (better and slower), rays (best at depth edges), or bokehme (baseline).",
+    help="Engine: fast, neural (better and slower), rays (best at depth edges), or bokehme (baseline); "
+    "repair: the network that repairs maps.",
 )
 @click.option(
     "--weights",

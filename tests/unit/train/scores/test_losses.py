@@ -3,7 +3,7 @@ import torch
 
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.optics.encoding import decode
-from train.scores.losses import LossWeights, arnet_loss, iunet_loss, measured_error
+from train.scores.losses import LossWeights, arnet_loss, bokehme_loss, iunet_loss, measured_error
 from train.train_arnet import ARNetRun
 
 
@@ -99,3 +99,17 @@ def test_a_single_noisy_pixel_is_not_an_error():
 def test_unknown_target_is_reported_with_the_known_ones():
     with pytest.raises(ParameterError, match=r"error_target: expected.*geometric.*measured.*got 'guess'"):
         ARNetRun(data=None, optim=None, error_target="guess")
+
+
+@pytest.mark.parametrize("network_is_better", [True, False])
+def test_the_error_map_of_bokehme_follows_the_better_picture(network_is_better):
+    """Authority: the fusion's error, which falls as the map rises where the network is better."""
+    truth, _, _ = pictures()
+    target = torch.full((1, 1, 8, 8), 0.5)
+    right, wrong = truth, truth + 0.3
+    bokeh, classical = (right, wrong) if network_is_better else (wrong, right)
+    error_map = target.clone().requires_grad_()
+    loss, parts = bokehme_loss([(bokeh, truth, target)], error_map, classical)
+    loss.backward()
+    assert set(parts) == {"neural", "gradient", "fused", "error_map"}
+    assert ((error_map.grad < 0) == network_is_better).all()
