@@ -38,6 +38,7 @@ from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.aperture import Aperture
 from bokehnet.render.renderer import BokehRenderer
+from bokehnet.settings.engine_settings import EngineName
 from bokehnet.torch import layered
 from train.scores.evaluation_sets import Shot
 from train.scores.metrics import compare, encode, mean_scores, psnr
@@ -119,7 +120,7 @@ def make_methods(samples: int) -> tuple[dict[str, Render], dict[str, float]]:
         for name, engine in (("file", "rays"), ("fast", "fast"), ("neural", "neural"), ("bokehme", "bokehme"))
     }
 
-    def engine(name: str) -> Render:
+    def engine(name: EngineName) -> Render:
         renderer = BokehRenderer(name)
         return lambda image, defocus: renderer.render_arrays(image, defocus).bokeh
 
@@ -169,7 +170,8 @@ def main() -> None:
     methods, sizes = make_methods(arguments.samples)
     if arguments.methods:
         methods = {name: methods[name] for name in ("rays", *arguments.methods)}
-    columns, rows, edges = dict(_COLUMNS), [], {name: {} for name in methods}
+    columns, rows = dict(_COLUMNS), []
+    edges: dict[str, dict[str, float]] = {name: {} for name in methods}
     for folder in scene_folders(arguments.folder):
         own = []
         for shot in [shot for shot in read_shots(folder) if shot.aperture.is_disc][: arguments.shots]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Mask, ramp
 from bokehnet.light.components import Components, connected_components
+from bokehnet.light.edges import edge_pixels, sharpness
 from bokehnet.light.visible import edge_light, visible_light
 
 __all__ = ["add_lamps"]
@@ -17,13 +18,13 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     used = np.zeros(picture.lowest.shape, bool)
     night = float(ramp(picture.median, config.night[::-1]))
     half = config.bright * picture.level
-    regions = connected_components(picture.highest >= half) if night > 0 else None
-    if regions is None or regions.count == 0:
+    regions = connected_components(picture.highest >= half)
+    if regions.count == 0:
         return used
     at = regions.rows, regions.columns
     area = regions.sums()
     clipped = regions.sums(picture.highest[at] >= picture.level)
-    weight = night * _lamp_weights(picture, regions, area, clipped)
+    weight = _lamp_weights(picture, regions, area, clipped, night)
     if not weight.any():
         return used
     core = _core_nearness(picture, regions)
@@ -75,18 +76,46 @@ def _flux(
     return np.asarray(np.minimum(flux, color * visible.flux[:, None] + limit[:, None]))
 
 
-def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, clipped: Floats) -> Floats:
-    """Return the certainty, 0 to 1, that bright regions are lamps in a picture of the night, (regions,)."""
+def _lamp_weights(
+    picture: BrightPicture, regions: Components, area: Floats, clipped: Floats, night: float
+) -> Floats:
+    """Return the certainty, 0 to 1, that bright regions are lamps, or glints by day, (regions,).
+
+    Args:
+        picture: Picture.
+        regions: Bright regions.
+        area: Pixels of each, (regions,).
+        clipped: Clipped pixels of each, (regions,).
+        night: Certainty that the picture shows the night.
+    """
     config, at = picture.config, (regions.rows, regions.columns)
-    surround = regions.sums(picture.surround(*at)) / area
     max_radius = max(config.lamp_radius * picture.diagonal, config.lamp_radius_px)
-    is_small = np.sqrt(area / np.pi) <= max_radius
+    is_small = (np.sqrt(area / np.pi) <= max_radius) & (clipped > 0)
     small = float(clipped[is_small].sum())
-    share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
-    share = share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
-    is_light = is_small & (clipped > 0)
-    certainty = ramp(clipped / area, config.lamp_fill) * ramp(surround, config.lamp_surround[::-1])
-    return np.asarray(share * is_light * certainty)
+    portion = small / max(float(clipped.sum()), 1)
+    common = ramp(portion, config.lamp_share)
+    common = common * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
+    day = 0.0
+    if night < 1 and common > 0:
+        day = float(ramp(portion, config.glint_share)) * _glint_sharpness(picture, regions, is_small)
+    certainty = common * is_small * ramp(clipped / area, config.lamp_fill)
+    if (night == 0 and day == 0) or not certainty.any():
+        return np.zeros(regions.count)
+    surround = regions.sums(picture.surround(*at)) / area
+    lamp, glint = (ramp(surround, ends[::-1]) for ends in (config.lamp_surround, config.glint_surround))
+    return np.asarray(certainty * np.maximum(night * lamp, day * glint))
+
+
+def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask) -> float:
+    """Return the certainty that the edges of small regions are too sharp for white matter, 0 to 1."""
+    config, at = picture.config, (regions.rows, regions.columns)
+    core = np.flatnonzero((picture.lowest[at] >= picture.level) & is_small[regions.labels])
+    dark = config.glint_dark * picture.level
+    _, y, x, *_ = edge_pixels(picture.lowest, picture.level, at[0][core], at[1][core], dark)
+    if len(y) < config.min_edge_pixels:
+        return 0.0
+    above = np.maximum(picture.lowest[y, x] / picture.level - picture.surround(y, x), 0)
+    return float(ramp(sharpness(above), config.glint_sharpness))
 
 
 def _core_nearness(picture: BrightPicture, regions: Components) -> Floats:

@@ -215,6 +215,11 @@ class Graph:
         self._inputs.append(helper.make_tensor_value_info(name, _TYPES[np.dtype(dtype)], shape))
         return Value(self, name, dtype)
 
+    def optional_input(self, name: str, default: np.ndarray, shape: Sequence[str | int] | None) -> Value:
+        """Add an input of the file that has a default."""
+        self._initializers.append(numpy_helper.from_array(default, name))
+        return self.input(name, default.dtype, shape)
+
     def ops(self, op: str, *inputs: Value, dtypes: Sequence[Any], **attributes: Any) -> list[Value]:
         """Add a node with one result for each of ``dtypes``."""
         results = [Value(self, self._name(op.lower()), dtype) for dtype in dtypes]

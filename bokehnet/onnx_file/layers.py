@@ -108,9 +108,9 @@ class _Surfaces(NamedTuple):
 
 
 class _Evidence(NamedTuple):
-    """Constants of the unmixing: index, own colour, defocus of both surfaces, and tolerance of membership."""
+    """Constants of the unmixing: place, own colour, defocus of both surfaces, and tolerance of membership."""
 
-    index: Value
+    place: Value
     pixel: Value
     near: Value
     far: Value
@@ -140,7 +140,7 @@ def _surface_means(
     g: Graph, picture: _Picture, is_mixed: Value, known: _Evidence
 ) -> list[tuple[Value, Value, Value]]:
     """Return mean colour (N, 3), variance (N, 1) and its upper bound of each surface around its pixels."""
-    at, offsets = _window(picture, known.index, PRIOR.window_px)
+    at, offsets = _window(picture, known.place, PRIOR.window_px)
     weights = g.constant(np.exp(-(offsets**2).sum(0) / PRIOR.window_variance).astype(np.float32))
     mixed_weight = g.where(is_mixed, g.constant(PRIOR.mixed_weight, np.float32), g.constant(1, np.float32))
     is_pure = (~is_mixed).astype(np.float32)
@@ -157,7 +157,7 @@ def _surface_means(
             result.append(sums[2 * number + 1] + moments * (member * pure).reshape(-1, 1))
         return result, []
 
-    zeros = g.zeros(np.float32, known.index.size(0), 7)
+    zeros = g.zeros(np.float32, known.place.size(0), 7)
     sums = g.loop(add, [zeros] * 4, times=g.sizes(offsets.shape[1]))
     means = [_variance(g, total) for total in (sums[0], sums[2])]
     limits = [_variance(g, total)[1] * PRIOR.max_variance_ratio for total in (sums[1], sums[3])]
@@ -206,7 +206,7 @@ def _unmix_pixels(
 class _Iterations(NamedTuple):
     """Number of iterations, deviation of the coverage, and largest variance (N, 1) of both surfaces."""
 
-    count: int
+    times: int
     sigma: float
     limits: tuple[Value, Value]
 
@@ -224,7 +224,7 @@ def _iterate(
         expected: Coverage from the position of the edges, (N, 1).
         settings: Number of iterations, deviation of the coverage, and largest variances.
     """
-    at, offsets = _window(picture, known.index, 1)
+    at, offsets = _window(picture, known.place, 1)
     weights = g.constant(np.exp(-(offsets**2).sum(0) / PRIOR.neighbour_variance).astype(np.float32))
     # Pure pixels are the near side of themselves, with the coverage whose weight is 1.
     pure = picture.defocus.reshape(-1, 1)
@@ -236,7 +236,7 @@ def _iterate(
     def unmix(_: Value, *state: Value) -> tuple[list[Value], list[Value]]:
         front, back, coverage = state
         own = g.concat([front, back, *depths, coverage], 1)
-        table = _write(g, base, known.index, own)
+        table = _write(g, base, known.place, own)
 
         def add(number: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
             other = table.take(at(number))
@@ -253,15 +253,13 @@ def _iterate(
                 result.append(total + g.concat([color, color * color, weight * 0 + 1], 1) * weight)
             return result, []
 
-        zeros = g.zeros(np.float32, known.index.size(0), 7)
+        zeros = g.zeros(np.float32, known.place.size(0), 7)
         means = [_variance(g, total) for total in g.loop(add, [zeros, zeros], times=g.sizes(9))]
-        variances = tuple(
-            g.minimum(mean[1], limit) for mean, limit in zip(means, settings.limits, strict=True)
-        )
+        variances = g.minimum(means[0][1], settings.limits[0]), g.minimum(means[1][1], settings.limits[1])
         start = _Surfaces(means[0][0], means[1][0], expected)
         return list(_unmix_pixels(g, known.pixel, start, variances, settings.sigma)), []
 
-    return _Surfaces(*g.loop(unmix, list(state), times=g.sizes(settings.count)))
+    return _Surfaces(*g.loop(unmix, list(state), times=g.sizes(settings.times)))
 
 
 def _edge_slope(coverage: Value) -> Value:
@@ -270,7 +268,7 @@ def _edge_slope(coverage: Value) -> Value:
 
 def _locate_edges(g: Graph, picture: _Picture, known: _Evidence, initial: Value, state: _Surfaces) -> Value:
     """Return the coverage (N, 1) from the edge position common to the mixed pixels around."""
-    at, offsets = _window(picture, known.index, PRIOR.edge_window_px)
+    at, offsets = _window(picture, known.place, PRIOR.edge_window_px)
     weights = np.exp(-(offsets**2).sum(0) / PRIOR.edge_window_variance).astype(np.float32)
     weights = g.constant(weights)
     difference = state.front - state.back
@@ -281,7 +279,7 @@ def _locate_edges(g: Graph, picture: _Picture, known: _Evidence, initial: Value,
     own = g.concat([*depths, contrast * slope * (state.coverage - initial), contrast * slope * slope], 1)
     base = g.zeros(np.float32, picture.defocus.size(0), 4)
     base = base + g.constant(np.array([[1e9, 1e9, 0, 0]]), np.float32)
-    table = _write(g, base, known.index, own)
+    table = _write(g, base, known.place, own)
 
     def add(number: Value, shift: Value, total: Value) -> tuple[list[Value], list[Value]]:
         other = table.take(at(number))
@@ -415,6 +413,26 @@ def _background(g: Graph, picture: _Picture, own: Value) -> tuple[Value, Value]:
     return colors, _write(g, picture.defocus, index, defocus)
 
 
+def _known_or_estimated(
+    g: Graph, picture: _Picture, own: Value, known: tuple[Value, Value] | None
+) -> tuple[Value, Value]:
+    """Return the known background if it has pixels, else :func:`_background`."""
+    if known is None:
+        return _background(g, picture, own)
+    colors, defocus = known
+
+    def estimated() -> Value:
+        hidden, behind = _background(g, picture, own)
+        return g.concat([hidden, behind.reshape(-1, 1)], 1)
+
+    def given() -> Value:
+        behind = g.minimum(defocus.reshape(-1), picture.defocus)
+        return g.concat([g.maximum(colors, 0).reshape(-1, 3), behind.reshape(-1, 1)], 1)
+
+    layer = g.branch(colors.size(0) > 0, given, estimated)
+    return layer.cut(1, 0, 3), layer.cut(1, 3, 4).reshape(-1)
+
+
 def _with_lines(
     g: Graph, mean: Value, members: list[Value], lengths: list[Value], edge_colors: list[Value]
 ) -> Value:
@@ -483,19 +501,23 @@ def _edge_mean(
     return color_sum / total.reshape(-1, 1), depth_sum / total, own.take(edge)
 
 
-def split_layers(g: Graph, image: Value, defocus: Value) -> GraphLayers:
+def split_layers(
+    g: Graph, image: Value, defocus: Value, background: tuple[Value, Value] | None = None
+) -> GraphLayers:
     """Return the layers of a picture.
 
     Args:
         g: Open graph.
         image: Scene-linear picture, (3, H, W), float32.
         defocus: Signed blur radius in pixels, (H, W), float32.
+        background: Known colours (H, W, 3) and defocus (H, W) of what the picture occludes, those of the
+            picture elsewhere; of no pixels if they are unknown.
     """
     picture = _Picture(g, image, defocus)
     mixed = _unmix(g, picture)
     side = mixed.is_front.reshape(-1, 1)
     own = _write(g, picture.colors, mixed.places, g.where(side, mixed.front, mixed.back))
-    hidden, behind = _background(g, picture, own)
+    hidden, behind = _known_or_estimated(g, picture, own, background)
     last_color = g.where(side, hidden.take(mixed.places), mixed.back)
     last_depth = g.where(mixed.is_front, behind.take(mixed.places), mixed.far)
     ones = picture.defocus * 0 + 1

@@ -91,7 +91,8 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
     ``bokeh`` (H, W, 3), scene-linear. The networks support only gamma 1; with any other the result is that of
-    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5.
+    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5. The rays have two optional
+    inputs for a known occluded background: ``background`` (H, W, 3) and ``background_disparity`` (H, W).
 
     Args:
         weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
@@ -127,7 +128,11 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
     blurred = scatter_beyond(g, encoded, defocus)
     if traces_rays:
-        blurred = _traced(g, image, defocus, blurred, gamma)
+        shape = ["background_height", "background_width"]
+        colors = g.optional_input("background", np.zeros((0, 0, 3), np.float32), [*shape, 3])
+        behind = g.optional_input("background_disparity", np.zeros((0, 0), np.float32), shape)
+        background = colors, defocus_from_disparity(behind, blur, focus)
+        blurred = _traced(g, image, defocus, blurred, gamma, background)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
@@ -153,7 +158,9 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     return model
 
 
-def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value) -> Value:
+def _traced(
+    g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value, background: tuple[Value, Value]
+) -> Value:
     """Blend the rays through the layers of a picture with its scatter ``smooth``, both of encoded light."""
     linear = gamma.reshape(1).equals(1)
     error_map = geometric_error_map(g, defocus)
@@ -162,7 +169,7 @@ def _traced(g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value)
         return g.branch(linear, lambda: colors, lambda: gamma_curve(g, image, gamma).encode(colors))
 
     def blended() -> Value:
-        layers = split_layers(g, image, defocus)
+        layers = split_layers(g, image, defocus, background)
         first, second = (encode(colors) for colors in layers.colors)
         rays = render_rays(g, layers._replace(colors=(first, second)), error_map)
         return fuse(smooth, rays, error_map.reshape(1, defocus.size(0), defocus.size(1)))

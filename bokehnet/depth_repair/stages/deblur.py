@@ -63,7 +63,7 @@ _FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE = 12, 2, 0.5
 
 # Maximum ratio of the squared residuals after and before a fit that takes edges for exact: 0.001 to 0.018 in
 # blurred maps, 0.03 to 0.19 in coarse ones. Uncertainty of the position of edges otherwise, pixels.
-_MAX_FIT_RESIDUAL, _FIT_POSITION_PX = 0.02, 1
+_MAX_FIT_RESIDUAL, _FIT_POSITION_PX = 0.01, 1
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.

@@ -119,8 +119,8 @@ def test_by_day_a_single_clipped_channel_is_left_alone():
     """Saturated petals, clothes and skies clip in one channel."""
     light = noisy(0.2, np.random.default_rng(7))
     light[40:80, 60:140] *= np.array([8.0, 1.0, 0.5], np.float32)
-    given = stored(light)
-    assert recover_light(given).image is given
+    original = stored(light)
+    assert recover_light(original).image is original
 
 
 def test_a_sky_behind_trees_is_brightened_and_bluish():

@@ -5,6 +5,7 @@ import pytest
 
 onnx = pytest.importorskip("onnx", reason="needs onnx, of the extra train")
 
+from bokehnet.classical.known_layers import Layers  # noqa: E402
 from bokehnet.classical.layered.layers import split_layers as numba_layers  # noqa: E402
 from bokehnet.classical.rays_renderer import rays  # noqa: E402
 from bokehnet.errors import ParameterError  # noqa: E402
@@ -17,10 +18,10 @@ from tests.unit.onnx_file.running import compiled, decibels, start  # noqa: E402
 def render():
     session = start(renderer.build_model(engine="rays"), threads=2)
 
-    def call(image, defocus, gamma=1.0):
+    def call(image, defocus, gamma=1.0, **background):
         numbers = {"K": 1.0, "focus": 0.0, "gamma": gamma}
         scalars = {name: np.array(value, np.float32) for name, value in numbers.items()}
-        return session.run(None, {"image": image, "disparity": defocus, **scalars})[0]
+        return session.run(None, {"image": image, "disparity": defocus, **scalars, **background})[0]
 
     return call
 
@@ -39,6 +40,22 @@ def disc_before_wall(height=90, width=110, front=9.0, back=-4.0):
 def test_an_even_disc_before_an_even_wall_equals_the_package(render, front, back):
     image, defocus = disc_before_wall(front=front, back=back)
     assert decibels(render(image, defocus), rays(image, defocus)) > 40
+
+
+@pytest.mark.slow
+def test_a_known_background_shows_through_the_rim(render):
+    """Authority: the rays with the same layers. Behind the disc is a lamp that no estimate can know."""
+    image, defocus = disc_before_wall(front=9.0, back=0.0)
+    background = np.broadcast_to(np.float32([0.1, 0.3, 0.8]), image.shape).copy()
+    background[42:50, 34:40] = 3.0
+    behind = np.zeros_like(defocus)
+    colors = np.stack([image, background], 2)
+    depths = np.stack([defocus, behind], -1)
+    layers = Layers(colors=colors, defocus=depths, coverage=np.ones_like(depths))
+    expected = rays(image, defocus, layers=layers)
+    estimated = render(image, defocus)
+    known = render(image, defocus, background=background, background_disparity=behind)
+    assert decibels(known, expected) > decibels(estimated, expected) + 10
 
 
 @pytest.mark.slow

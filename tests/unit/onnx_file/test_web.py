@@ -147,9 +147,9 @@ def test_the_page_renders_other_files(engine, folder, address, page):
     numbers = {name: np.array(x, np.float32) for name, x in (("K", 6), ("focus", FOCUS), ("gamma", 1))}
     inputs = {name: np.asarray(x, np.float32) for name, x in inputs.items()}
     expected = linear_to_srgb(np.clip(start(model).run(None, inputs | numbers)[0], 0, 1))
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, expected) > 50
-    assert decibels(found, linear_to_srgb(inputs["image"])) < 40
+    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, expected) > 50
+    assert decibels(picture, linear_to_srgb(inputs["image"])) < 40
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
 """Damaged data is reported in one line: shards and parts are left out with a count, the rest ends the run."""
 
 import json
+import re
 import shutil
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -121,6 +123,28 @@ def checkpoint(tmp_path):
     path = tmp_path / "last.pt"
     save_checkpoint(path, "arnet", SMALL, {"network": ARNet(SMALL).state_dict()})
     return path
+
+
+def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(tmp_path, capsys):
+    @dataclass(frozen=True)
+    class Config:
+        model: ARNetConfig = SMALL
+
+    folder = RunFolder(tmp_path, "arnet", Config())
+    for step in (1, 2, 3):
+        folder.save({"network": ARNet(SMALL).state_dict(), "raw": {}, "optimizer": {}, "step": step})
+    assert folder.load()["step"] == 3
+    last = tmp_path / "last.pt"
+    last.write_bytes(last.read_bytes()[:1000])
+    assert folder.load()["step"] == 2
+    message = capsys.readouterr().err
+    assert re.search(r"last\.pt: expected a checkpoint.*resuming from previous\.pt", message)
+    last.unlink()
+    assert folder.load()["step"] == 2
+    last.write_bytes(b"x")
+    (tmp_path / "previous.pt").write_bytes(b"x")
+    with pytest.raises(DataFileError, match=r"previous\.pt: expected a checkpoint"):
+        folder.load()
 
 
 def test_weights_of_another_shape_or_version_are_refused(checkpoint):
