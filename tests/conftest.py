@@ -31,8 +31,8 @@ PROCESS_FIXTURES = {"built", "cli_process", "cluster", "python_process", "warm"}
 
 _TORCH_IMPORT = re.compile(
     r"^\s*(?:import|from) "
-    r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|classical\.torch))\b"
-    r'|^pytest\.importorskip\("torch"',
+    r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|torch|classical\.torch))\b"
+    r'|^(?:\w+ = )?pytest\.importorskip\("torch"',
     re.MULTILINE,
 )
 

@@ -1,5 +1,5 @@
 // Adds the two headers that a browser asks for before it shares memory between threads, where the host that has
-// these files cannot be told to send them: a service worker between the page and the host.
+// these files cannot be configured to send them: a service worker between the page and the host.
 
 addEventListener("install", () => skipWaiting());
 addEventListener("activate", (event) => event.waitUntil(clients.claim()));

@@ -3,16 +3,16 @@
 
 const form = document.querySelector("form");
 const status = document.querySelector("#status");
-const told = document.querySelector("#told");
+const notice = document.querySelector("#notice");
 const bar = document.querySelector("progress");
 const save = document.querySelector("#save");
 const result = document.querySelector("#result");
 const quick = document.querySelector("#preview");
-const given = new URLSearchParams(location.search);
+const query = new URLSearchParams(location.search);
 
 /** Say what this browser gives less than all. */
-function tell(line) {
-  told.append(`${line} `);
+function report(line) {
+  notice.append(`${line} `);
 }
 
 /** Say beside a control what is wrong with it; "" where nothing is. */
@@ -38,7 +38,7 @@ if (!crossOriginIsolated && navigator.serviceWorker && !sessionStorage.getItem("
   location.reload();
   await new Promise(() => {});
 }
-if (!crossOriginIsolated) tell("This browser gives the page no threads: one core does all the work.");
+if (!crossOriginIsolated) report("This browser gives the page no threads: one core does all the work.");
 
 const worker = new Worker("worker.js", { type: "module" });
 const previewer = new Worker("preview.js", { type: "module" });
@@ -47,7 +47,7 @@ const previewer = new Worker("preview.js", { type: "module" });
 const REST = 400;
 const SMALL = 640;
 
-let asked = 0;
+let requests = 0;
 let opened = null;
 let opening = null;
 let ready = false;
@@ -58,7 +58,7 @@ function begin(target, canvas, more = {}) {
   const theirs = canvas.transferControlToOffscreen();
   target.postMessage({ canvas: theirs, ...more }, [theirs]);
 }
-begin(worker, result, { model: given.get("model") ?? "fast.onnx", provider: given.get("provider") ?? "auto" });
+begin(worker, result, { model: query.get("model") ?? "fast.onnx", provider: query.get("provider") ?? "auto" });
 begin(previewer, quick);
 
 const NUMBERS = ["K", "focus", "gamma"];
@@ -86,12 +86,12 @@ function setSlider(name, value) {
   showNumbers();
 }
 
-/** Ask for the picture by the numbers in the form; what was asked for before is given up. */
+/** Request the picture of the numbers in the form; earlier requests are abandoned. */
 function render() {
   if (!opened || !sound()) return;
   clearTimeout(resting);
   resting = 0;
-  worker.postMessage({ id: ++asked, numbers: numbers() });
+  worker.postMessage({ id: ++requests, numbers: numbers() });
   bar.hidden = false;
   bar.value = 0;
   save.hidden = true;
@@ -225,7 +225,7 @@ async function openAddresses(photo, disparity) {
 worker.onmessage = ({ data }) => {
   if (data.provider) {
     document.body.dataset.provider = data.provider;
-    if (data.why) tell(`${data.why}: WebAssembly does the work, on the processor.`);
+    if (data.why) report(`${data.why}: WebAssembly does the work, on the processor.`);
   } else if (data.estimated) {
     document.querySelector("#estimate").hidden = false;
     choose("disparity", new File([data.estimated], "estimated", { type: "image/png" }));
@@ -243,16 +243,16 @@ worker.onmessage = ({ data }) => {
     setSlider("focus", data.focus.toFixed(3));
     if (ready) previewer.postMessage({ numbers: numbers() });
     render();
-  } else if (data.share !== undefined && data.id === asked) {
+  } else if (data.share !== undefined && data.id === requests) {
     bar.value = data.share;
-  } else if (data.done && data.id === asked) {
+  } else if (data.done && data.id === requests) {
     URL.revokeObjectURL(save.href);
     save.href = URL.createObjectURL(data.done);
     save.hidden = false;
     bar.hidden = quick.hidden = true;
     status.textContent = `${opened.width}x${opened.height} in ${data.seconds.toFixed(1)} s`;
-  } else if (data.told) {
-    tell(data.told);
+  } else if (data.notice) {
+    report(data.notice);
   } else if (data.error) {
     if (data.of) {
       blame(data.of, data.error);
@@ -271,7 +271,7 @@ previewer.onmessage = ({ data }) => {
     window.preview = data;
     quick.hidden = bar.hidden && !resting;
   }
-  if (data.error) tell(`No quick picture while you drag: ${data.error}.`);
+  if (data.error) report(`No quick picture while you drag: ${data.error}.`);
 };
 
 result.addEventListener("click", (event) => {
@@ -310,6 +310,6 @@ document.addEventListener("drop", (event) => {
 });
 document.querySelector("#sample").addEventListener("click", () => openAddresses("demo.png", "demo_disparity.png"));
 
-for (const name of ["K", "focus"]) setSlider(name, Number(given.get(name) ?? form.elements[name].value));
-if (given.has("gamma")) form.elements.gamma.value = given.get("gamma");
-if (given.has("photo") && given.has("disparity")) await openAddresses(given.get("photo"), given.get("disparity"));
+for (const name of ["K", "focus"]) setSlider(name, Number(query.get(name) ?? form.elements[name].value));
+if (query.has("gamma")) form.elements.gamma.value = query.get("gamma");
+if (query.has("photo") && query.has("disparity")) await openAddresses(query.get("photo"), query.get("disparity"));

@@ -60,7 +60,7 @@ let gl;
 let place;
 let whole = { width: 1, height: 1, scale: 1 };
 let step = 0;
-let wanted;
+let requested;
 
 function compiled(kind, text) {
   const shader = gl.createShader(kind);
@@ -127,8 +127,8 @@ function draw({ K, focus }) {
 
 /** Draw the last numbers that were asked for, once a frame. */
 function next() {
-  const numbers = wanted;
-  wanted = undefined;
+  const numbers = requested;
+  requested = undefined;
   if (!numbers) return;
   try {
     const begun = performance.now();
@@ -148,8 +148,8 @@ onmessage = async ({ data }) => {
     if (data.canvas) canvas = data.canvas;
     if (data.open) await open(data.open);
     if (data.numbers && gl) {
-      const idle = !wanted;
-      wanted = data.numbers;
+      const idle = !requested;
+      requested = data.numbers;
       if (idle) requestAnimationFrame(next);
     }
   } catch (error) {

@@ -144,7 +144,7 @@ async function renderWithin(id, numbers) {
       if (!isMemory(error)) throw error;
       if (tile <= LEAST) throw new Error("too little memory in this browser; try less blur or a smaller photo");
       tile /= 2;
-      postMessage({ told: `Too little memory for large tiles: they are ${tile} pixels wide now, which takes longer.` });
+      postMessage({ notice: `Too little memory for large tiles: they are ${tile} pixels wide now, which takes longer.` });
     }
   }
 }

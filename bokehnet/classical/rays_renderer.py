@@ -360,21 +360,7 @@ def _render_layers(
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
         within = reach_by_rings(pupil_rays.extents, pupil_rays.lens, TILE, job.above)
     bins = occupied_bins(cells, *within)
-    rays_job = RaysJob(
-        colors=colors,
-        cells=cells,
-        rays_mask=rays_mask,
-        bins=bins,
-        points=pupil_rays.points,
-        weights=pupil_rays.weights,
-        radius=pupil_rays.reach,
-        nominal_rays=round(job.rays_factor * pupil_rays.nominal),
-        cats_eye=job.aperture.cats_eye,
-        lens=pupil_rays.lens,
-        seed=job.seed,
-        above=job.above,
-        viewport=job.picture_viewport,
-    )
+    rays_job = _rays_job(job, pupil_rays, colors, cells, rays_mask, bins)
     near = _bundle_smooth_tiles(rays_job, pupil_rays, result)
     bundled = None if near is None else np.array(result)
     if near is not None:
@@ -412,6 +398,32 @@ def _render_layers(
         disocclusion_weight=disocclusion_weight,
         mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
         scatter=smooth,
+    )
+
+
+def _rays_job(
+    job: _Job,
+    pupil_rays: _Rays,
+    colors: np.ndarray,
+    cells: np.ndarray,
+    rays_mask: np.ndarray,
+    bins: np.ndarray,
+) -> RaysJob:
+    """Return the job of the march through layers; arrays as in :class:`RaysJob`."""
+    return RaysJob(
+        colors=colors,
+        cells=cells,
+        rays_mask=rays_mask,
+        bins=bins,
+        points=pupil_rays.points,
+        weights=pupil_rays.weights,
+        radius=pupil_rays.reach,
+        nominal_rays=round(job.rays_factor * pupil_rays.nominal),
+        cats_eye=job.aperture.cats_eye,
+        lens=pupil_rays.lens,
+        seed=job.seed,
+        above=job.above,
+        viewport=job.picture_viewport,
     )
 
 

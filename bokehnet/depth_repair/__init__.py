@@ -7,4 +7,5 @@ accurate.
 Open first: ``repair.py``, which lists the steps in order. ``diagnosis.py`` measures the errors of a map,
 ``stages/`` contains one correction per file, and ``acceptance.py`` decides where the repair replaces the
 input; both use ``edge_profile.py``. ``config.py`` holds the numbers, ``filters.py`` what stages share.
+``mixed_pixels.py`` and ``repeated_pixels.py`` correct files before the repair and need no picture.
 """

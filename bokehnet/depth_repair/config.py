@@ -11,7 +11,6 @@ __all__ = ["BLOCK_PX", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
 # Stages that can be switched off, in the order of their work.
 STAGES = (
     "denoise",
-    "overshoots",
     "sharpen",
     "register",
     "network",
@@ -40,9 +39,6 @@ class RepairConfig:
             cannot be separated.
         min_softness: Fraction of soft edges from which the edges of a map are sharpened and follow colour
             edges. Sharp maps of hair have up to 0.17.
-        min_overshoots: Fraction of the pixels near edges that overshoot, from which overshoots are removed:
-            0.003 to 0.014 in blurred, coarse and jagged maps, 0.039 in maps of networks, 0.09 to 0.135 in
-            maps enlarged with a cubic.
         max_thin_fraction: Fraction of thin structures below which they are grown, because the map may have
             lost them: 0.000 in opened and eroded maps, 0.006 and more in maps of stereo and in blurred maps,
             0.043 and more in exact maps of scenes with thin structures.
@@ -63,7 +59,6 @@ class RepairConfig:
     stages: frozenset[str] = frozenset(STAGES)
     noise_range: tuple[float, float] = (0.003, 0.04)
     min_softness: float = 0.25
-    min_overshoots: float = 0.025
     max_thin_fraction: float = 0.002
     base_side_px: int = 1024
     max_shift_px: int = 7

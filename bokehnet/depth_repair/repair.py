@@ -3,14 +3,15 @@
 Steps; each stage is documented in its own module with its published method:
 
 1. noise is measured and removed (``stages/denoise.py``);
-2. overshoots of soft maps are removed (``stages/overshoots.py``); at the smallest size of an image pyramid
-   soft edges are sharpened (``stages/sharpen.py``), and offset, growth and agreement with the picture are
-   measured (``diagnosis.py``). A map whose edges do not follow the picture stays as it is;
+2. at the smallest size of an image pyramid soft edges are sharpened (``stages/sharpen.py``), and offset,
+   growth and agreement with the picture are measured (``diagnosis.py``). A map whose edges do not follow the
+   picture stays as it is;
 3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
    blurred detail is restored (``stages/deblur.py``), and so are thin structures
    (``stages/thin_structures.py``); maps without any thin structure are grown along their colours
    (``stages/thin_growth.py``);
-4. one rule accepts the changes in each place (``acceptance.py``);
+4. one rule accepts the changes in each place (``acceptance.py``), and surfaces of soft maps get the values
+   that reproduce the input when blurred;
 5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
 In: all-in-focus picture, scene-linear float32 (H, W, 3), and disparity (H, W) in any unit, rising towards the
@@ -40,7 +41,6 @@ from bokehnet.depth_repair.stages.deblur import (
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
-from bokehnet.depth_repair.stages.overshoots import overshoot_fraction, remove_overshoots
 from bokehnet.depth_repair.stages.register import Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures, thin_fraction
@@ -173,9 +173,7 @@ class DisparityRepair:
             )
         softness = soft_edge_fraction(clean) if plan is None else plan.softness
         is_soft = "sharpen" in config.stages and softness > config.min_softness
-        flat = remove_overshoots(clean) if is_soft and "overshoots" in config.stages else clean
-        rings = flat is not clean and overshoot_fraction(clean, flat) >= config.min_overshoots
-        pictures, maps = halvings(image.transpose(2, 0, 1), flat if rings else clean, config.base_side_px)
+        pictures, maps = halvings(image.transpose(2, 0, 1), clean, config.base_side_px)
         scale, colors, small = 2 ** (len(maps) - 1), pictures[-1], maps[-1]
         start = repair_soft_edges(small) if is_soft else small
         if plan is None:

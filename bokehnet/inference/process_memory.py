@@ -11,7 +11,7 @@ __all__ = ["keep_freed_memory", "keeps_freed_memory", "release_freed_memory", "r
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
 # Maximum size of one freed array, and of all free memory at the end of the heap, to keep, bytes.
-_MAX_KEPT_ARRAY_BYTES, _MAX_KEPT_BYTES = 10**8, 5 * 10**8
+_MAX_KEPT_ARRAY_BYTES, _MAX_KEPT_BYTES = 10**9, 2 * 10**9
 
 _keeps = False
 

@@ -116,21 +116,7 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
     if is_heif(path):
         if color_space != "auto":
             raise ParameterError("input.color_space", "auto for HEIC, which names its own", color_space)
-        heif = read_heif(path)
-        height, width = heif.image.shape[:2]
-        gain_map, gain_map_error = _gain_map(Path(path), 1, heif.metadata)
-        return Frame(
-            image=heif.image,
-            alpha=None,
-            camera=None,
-            window=Window.whole(width, height),
-            space=heif.space,
-            bits=8 if heif.bits == 8 else 16,
-            metadata=heif.metadata,
-            path=Path(path),
-            gain_map=gain_map,
-            gain_map_error=gain_map_error,
-        )
+        return _read_heif_frame(Path(path))
     with ImageFile(path, progress) as file:
         picture = find_picture(file)
         metadata = read_metadata(file.path, file.file_format)
@@ -175,6 +161,25 @@ def read_frame(path: Path | str, progress: Progress | None = None, color_space: 
             choices=selection_notes(file, picture),
             _origin=None if picture.part.deep else origin,  # a blurred picture has no deep samples to store
         )
+
+
+def _read_heif_frame(path: Path) -> Frame:
+    """Return a picture of a HEIC file with colour space, metadata and gain map."""
+    heif = read_heif(path)
+    height, width = heif.image.shape[:2]
+    gain_map, gain_map_error = _gain_map(path, 1, heif.metadata)
+    return Frame(
+        image=heif.image,
+        alpha=None,
+        camera=None,
+        window=Window.whole(width, height),
+        space=heif.space,
+        bits=8 if heif.bits == 8 else 16,
+        metadata=heif.metadata,
+        path=path,
+        gain_map=gain_map,
+        gain_map_error=gain_map_error,
+    )
 
 
 def _gain_map(path: Path, orientation: int, metadata: Metadata) -> tuple[GainMap | None, str]:

@@ -76,7 +76,10 @@ def _radiance(picture: BrightPicture, rows: Indices, columns: Indices) -> float:
     further = np.maximum(picture.lowest[next_y, next_x] / picture.level - around, 0)
     blurred = float(ramp(further.sum() / max(float(near.sum()), 1e-6), config.edge_blur))
     has_shoulder = picture.levels.code < 255
-    excess = config.area_sharp_gain * (sharpness(near) - config.matter_sharpness[has_shoulder])
+    far = float(picture.is_far(rows, columns).mean())
+    # Nearer regions are more often matter.
+    margin = 0.0 if has_shoulder else (1 - far) * config.near_sharpness
+    excess = config.area_sharp_gain * (sharpness(near) - config.matter_sharpness[has_shoulder] - margin)
     lowest_gain = config.area_gain_min[has_shoulder]
     measured = float(np.clip(1 + excess, lowest_gain, config.area_gain_max))
     return (1 - blurred) * measured + blurred * config.area_gain

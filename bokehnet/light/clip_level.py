@@ -19,12 +19,14 @@ class ClipLevel:
         clipped: Light from which a pixel counts as clipped.
         top: Light of the level itself.
         shoulder: Light from which the tone curve compresses; equal to ``clipped`` for a hard clip.
+        channels: Number of channels that clip at this level.
     """
 
     code: int
     clipped: float
     top: float
     shoulder: float
+    channels: int = 1
 
 
 def srgb_light(codes: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -32,6 +32,7 @@ class LightConfig:
         area_gain_max: Maximum radiance measured by the sharpness of edges.
         matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
             shoulder that ends below white.
+        near_sharpness: Sharpness above that of large lights in front of the farthest layer, with a hard clip.
         edge_blur: Light two pixels from an edge over that at one pixel, from which the point spread function
             hides the radiance, partly and altogether.
         min_edge_pixels: Minimum number of edge pixels for that.
@@ -59,14 +60,31 @@ class LightConfig:
         lamp_fraction: Fraction of the picture in lamps up to which they are lamps, and from which the
             picture is white text on black.
         lamp_share: Share of lamps in the clipped pixels from which the picture shows lamps.
+        glint_share: The same portion from which small lights by day can be glints, and from which they are.
+        glint_sharpness: Sharpness of their edges up to which they are matter, and from which they are glints.
+        glint_dark: Light of the dark side of these edges.
+        glint_surround: Mean light of the surroundings up to which a small light by day is a glint, and from
+            which it is not.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
             a halo.
+        halo_excess: Light of a channel that is not clipped, according to the halo and relative to the stored
+            one, up to which the halo is that of the lamp, and from which it is not.
+        halo_tolerance: Ratio of the flux measured by the halo at ``bright`` to that at ``halo_level`` for a
+            lamp with the halo of a point.
         edge_width: The same growth of a sharp edge, pixels.
         core_radius: Radius of the image of a point without its halo, pixels.
         concentration: Exponent of the brightness with which the light of a lamp with a halo is distributed.
         edge_power: Exponent of the clipped fraction of a pixel's neighbours with which the light of a lamp
             without a halo is distributed.
+        min_color: Minimum light of a channel relative to the strongest one that measures a lamp.
+        weak_color: The same, maximum of the channels that measure the shoulder of the tone curve.
+        near_clip: Minimum light of the strongest channel for that.
+        shoulder_quantile: Quantile of the light of these pixels that is the end of the shoulder.
+        shoulder_pixels: Number of these pixels for half of the certainty.
+        max_shoulder: Maximum light at which a tone curve clips.
+        hidden_pixels: Clipped pixels of a lamp whose light is unknown for each of them with all channels
+            clipped.
         diffraction: Wavelength times f-number, pixels.
         surround_reach: Half-width of the surroundings, fraction of the diagonal.
     """
@@ -85,7 +103,8 @@ class LightConfig:
     area_sharp_gain: float = 4.0
     area_gain_min: tuple[float, float] = (1.0, 3.0)
     area_gain_max: float = 6.5
-    matter_sharpness: tuple[float, float] = (0.8, 0.6)
+    matter_sharpness: tuple[float, float] = (0.88, 0.6)
+    near_sharpness: float = 0.32
     edge_blur: tuple[float, float] = (0.38, 0.5)
     min_edge_pixels: int = 30
     edge_dark: float = 0.15
@@ -107,12 +126,25 @@ class LightConfig:
     max_lamp_gain: float = 80.0
     lamp_fraction: tuple[float, float] = (0.04, 0.08)
     lamp_share: tuple[float, float] = (0.2, 0.5)
+    glint_share: tuple[float, float] = (0.7, 0.9)
+    glint_sharpness: tuple[float, float] = (1.1, 1.6)
+    glint_dark: float = 0.3
+    glint_surround: tuple[float, float] = (0.2, 0.35)
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
+    halo_excess: tuple[float, float] = (8.0, 16.0)
+    halo_tolerance: float = 2.5
     edge_width: float = 0.3
     core_radius: float = 0.9
     concentration: float = 16.0
     edge_power: float = 4.0
+    min_color: float = 0.03
+    weak_color: float = 0.6
+    near_clip: float = 0.93
+    shoulder_quantile: float = 0.75
+    shoulder_pixels: float = 3.0
+    max_shoulder: float = 4.0
+    hidden_pixels: float = 4.0
     diffraction: float = 0.95
     surround_reach: float = 0.03
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from bokehnet.light.bright_picture import Array, Floats, Indices
 
-__all__ = ["edge_pixels", "sharpness"]
+__all__ = ["DARK_SIDE_PX", "edge_pixels", "sharpness"]
 
-# Pixels from an edge at which the dark side is looked at.
-_DARK_SIDE_PX = 4
+# Pixels from an edge to its dark side.
+DARK_SIDE_PX = 4
 
 
 def edge_pixels(values: Array, level: float, rows: Indices, columns: Indices, dark: float) -> Indices:
@@ -27,7 +27,7 @@ def edge_pixels(values: Array, level: float, rows: Indices, columns: Indices, da
     pairs = []
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            far_rows, far_columns = rows + _DARK_SIDE_PX * down, columns + _DARK_SIDE_PX * right
+            far_rows, far_columns = rows + DARK_SIDE_PX * down, columns + DARK_SIDE_PX * right
             inside = (far_rows >= 0) & (far_rows < height) & (far_columns >= 0) & (far_columns < width)
             index = np.flatnonzero(inside)
             index = index[values[rows[index] + down, columns[index] + right] < level]

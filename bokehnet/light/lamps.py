@@ -1,4 +1,4 @@
-"""Small lights in dark surroundings: their flux from their halo or from the sharpness of their edges."""
+"""Small lights in dark surroundings: their flux from their halo, unclipped channels and sharp edges."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ import numpy as np
 from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Mask, ramp
 from bokehnet.light.components import Components, connected_components
 from bokehnet.light.edges import edge_pixels, sharpness
+from bokehnet.light.visible import edge_light, visible_light
 
 __all__ = ["add_lamps"]
 
@@ -17,13 +18,13 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     used = np.zeros(picture.lowest.shape, bool)
     night = float(ramp(picture.median, config.night[::-1]))
     half = config.bright * picture.level
-    regions = connected_components(picture.highest >= half) if night > 0 else None
-    if regions is None or regions.count == 0:
+    regions = connected_components(picture.highest >= half)
+    if regions.count == 0:
         return used
     at = regions.rows, regions.columns
     area = regions.sums()
     clipped = regions.sums(picture.highest[at] >= picture.level)
-    weight = night * _lamp_weights(picture, regions, area, clipped)
+    weight = _lamp_weights(picture, regions, area, clipped, night)
     if not weight.any():
         return used
     core = _core_nearness(picture, regions)
@@ -31,35 +32,90 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     # Maps of thin lamps are unreliable: only pixels that are not clipped can be matter in front.
     is_behind = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
     is_lamp = is_behind | (picture.highest[at] >= picture.level)
-    centrality = _centrality(picture, regions, halo.weight)
-    color, edge = _edge_light(picture, regions, (weight > 0) & (halo.weight < 0.5))
-    sharp_flux = float(np.clip(config.sharp_gain * edge, *config.lamp_gain)) * clipped
+    stored = np.stack([regions.sums(picture.image[(*at, c)] / picture.level) for c in range(3)], -1)
+    is_clipped = np.stack([regions.sums(picture.image[(*at, c)] >= picture.level) > 0 for c in range(3)], -1)
+    halo_flux = np.stack([halo.flux(picture, channel) for channel in range(3)], -1)
+    # A halo that says much more of an unclipped channel than it holds is matter or light around the lamp.
+    excess = np.where(is_clipped, 0, halo_flux / np.maximum(stored, 1)).max(-1)
+    has_halo = halo.weight * ramp(excess, config.halo_excess[::-1])
+    centrality = _centrality(picture, regions, has_halo)
+    flux = _flux(picture, regions, (weight > 0, has_halo, clipped), halo_flux)
     for channel in range(3):
         values = picture.image[(*at, channel)].astype(np.float64)
-        flux = halo.weight * halo.flux(picture, channel) + (1 - halo.weight) * color[:, channel] * sharp_flux
-        flux = np.minimum(flux, config.max_lamp_gain * clipped)
         shape = is_lamp * centrality * np.clip((values - half) / (picture.level - half), 0, 1) ** 2
-        missing = np.maximum(flux * picture.level - regions.sums(values), 0)
-        missing *= weight * (regions.sums(values >= picture.level) > 0)
+        missing = np.maximum(flux[:, channel] - stored[:, channel], 0) * picture.level
+        missing *= weight * is_clipped[:, channel]
         result[(*at, channel)] += (missing / np.maximum(regions.sums(shape), 1e-6))[regions.labels] * shape
     used[at] = (weight > 0)[regions.labels]
     return used
 
 
-def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, clipped: Floats) -> Floats:
-    """Return the certainty, 0 to 1, that bright regions are lamps in a picture of the night, (regions,)."""
+def _flux(
+    picture: BrightPicture, regions: Components, lamps: tuple[Mask, Floats, Floats], halo_flux: Floats
+) -> Floats:
+    """Return the flux of each lamp, relative to the clip level, (regions, 3).
+
+    Args:
+        picture: Picture.
+        regions: Bright regions.
+        lamps: Whether each is a lamp, the certainty that it has a halo, its clipped pixels, (regions,) each.
+        halo_flux: Flux according to the halo, (regions, 3).
+    """
+    config = picture.config
+    is_lamp, has_halo, clipped = lamps
+    color, edge = edge_light(picture, regions, is_lamp, has_halo < 0.5)
+    visible = visible_light(picture, regions, color)
+    gain = float(np.clip(config.sharp_gain * edge, *config.lamp_gain)) * visible.shoulder
+    sharp = visible.flux + visible.hidden * np.maximum(gain, visible.least)
+    second = np.sort(picture.image[regions.rows, regions.columns], axis=-1)[:, 1]
+    is_white = regions.sums(second >= picture.level) > 0
+    # The core of a point of light is unknown even where noise or chroma subsampling lowers a channel.
+    unknown = np.maximum(config.hidden_pixels * visible.hidden, clipped * is_white * (has_halo >= 1))
+    limit = config.max_lamp_gain * np.minimum(unknown, clipped)
+    flux = has_halo[:, None] * halo_flux + (1 - has_halo[:, None]) * color * sharp[:, None]
+    return np.asarray(np.minimum(flux, color * visible.flux[:, None] + limit[:, None]))
+
+
+def _lamp_weights(
+    picture: BrightPicture, regions: Components, area: Floats, clipped: Floats, night: float
+) -> Floats:
+    """Return the certainty, 0 to 1, that bright regions are lamps, or glints by day, (regions,).
+
+    Args:
+        picture: Picture.
+        regions: Bright regions.
+        area: Pixels of each, (regions,).
+        clipped: Clipped pixels of each, (regions,).
+        night: Certainty that the picture shows the night.
+    """
     config, at = picture.config, (regions.rows, regions.columns)
-    surround = regions.sums(picture.surround(*at)) / area
     max_radius = max(config.lamp_radius * picture.diagonal, config.lamp_radius_px)
-    is_small = np.sqrt(area / np.pi) <= max_radius
+    is_small = (np.sqrt(area / np.pi) <= max_radius) & (clipped > 0)
     small = float(clipped[is_small].sum())
-    share = ramp(small / max(float(clipped.sum()), 1), config.lamp_share)
-    share = share * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
-    # Bright matter of a saturated colour clips in one channel alone.
-    second = np.sort(picture.image[at], axis=-1)[:, 1]
-    is_light = is_small & (regions.sums(second >= picture.level) > 0)
-    certainty = ramp(clipped / area, config.lamp_fill) * ramp(surround, config.lamp_surround[::-1])
-    return np.asarray(share * is_light * certainty)
+    portion = small / max(float(clipped.sum()), 1)
+    common = ramp(portion, config.lamp_share)
+    common = common * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
+    day = 0.0
+    if night < 1 and common > 0:
+        day = float(ramp(portion, config.glint_share)) * _glint_sharpness(picture, regions, is_small)
+    certainty = common * is_small * ramp(clipped / area, config.lamp_fill)
+    if (night == 0 and day == 0) or not certainty.any():
+        return np.zeros(regions.count)
+    surround = regions.sums(picture.surround(*at)) / area
+    lamp, glint = (ramp(surround, ends[::-1]) for ends in (config.lamp_surround, config.glint_surround))
+    return np.asarray(certainty * np.maximum(night * lamp, day * glint))
+
+
+def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask) -> float:
+    """Return the certainty that the edges of small regions are too sharp for white matter, 0 to 1."""
+    config, at = picture.config, (regions.rows, regions.columns)
+    core = np.flatnonzero((picture.lowest[at] >= picture.level) & is_small[regions.labels])
+    dark = config.glint_dark * picture.level
+    _, y, x, *_ = edge_pixels(picture.lowest, picture.level, at[0][core], at[1][core], dark)
+    if len(y) < config.min_edge_pixels:
+        return 0.0
+    above = np.maximum(picture.lowest[y, x] / picture.level - picture.surround(y, x), 0)
+    return float(ramp(sharpness(above), config.glint_sharpness))
 
 
 def _core_nearness(picture: BrightPicture, regions: Components) -> Floats:
@@ -95,26 +151,6 @@ def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Fl
     weight = halo[regions.labels]
     point = (whole / peak[regions.labels]) ** (picture.config.concentration * weight)
     return np.asarray(point * (neighbors / 9) ** (picture.config.edge_power * (1 - weight)))
-
-
-def _edge_light(picture: BrightPicture, regions: Components, is_lamp: Mask) -> tuple[Floats, float]:
-    """Return the colour of each light, (regions, 3), 1 in its brightest channel, and the sharpness of edges.
-
-    A light that covers a fraction of an edge pixel shows its own colour there unless a channel is clipped.
-    """
-    at = regions.rows, regions.columns
-    core = np.flatnonzero((picture.highest[at] >= picture.level) & is_lamp[regions.labels])
-    dark = picture.config.edge_dark * picture.level
-    index, rows, columns, *_ = edge_pixels(
-        picture.highest, picture.level, regions.rows[core], regions.columns[core], dark
-    )
-    around = picture.surround(rows, columns)[:, None] * picture.level
-    light = np.maximum(picture.image[rows, columns] - around, 0)
-    labels = regions.labels[core[index]]
-    sums = (
-        np.stack([np.bincount(labels, light[:, channel], regions.count) for channel in range(3)], -1) + 1e-3
-    )
-    return sums / sums.max(-1, keepdims=True), sharpness(light.max(-1) / picture.level)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,13 +197,16 @@ class _Halo:
         """Return the flux of each light in a channel, in pixels at the clip level, (regions,).
 
         The diffraction halo of a point of flux F at radius r is F L / (pi^3 r^3), for L = wavelength times
-        f-number in pixels. The radius at which it falls to a level gives F.
+        f-number in pixels. The radius at which it falls to a level gives F; the
+        smaller of two levels counts, because other light may reach the lower one.
 
         Source:
             Born and Wolf, "Principles of optics", 8.5.2: 2 L / (pi^2 r) of the light is outside radius r.
         """
-        config = picture.config
-        above = picture.image[self.wide.rows, self.wide.columns, channel] >= config.halo_level * picture.level
-        radius = np.sqrt(self.wide.sums(above)[self.parent] * self.portion / np.pi)
-        radius = np.maximum(radius - config.core_radius, 0)
-        return np.asarray(config.halo_level * np.pi**3 / config.diffraction * radius**3)
+        config, fluxes = picture.config, []
+        values = picture.image[self.wide.rows, self.wide.columns, channel]
+        for level, tolerance in ((config.halo_level, 1.0), (config.bright, config.halo_tolerance)):
+            above = self.wide.sums(values >= level * picture.level)[self.parent] * self.portion
+            radius = np.maximum(np.sqrt(above / np.pi) - config.core_radius, 0)
+            fluxes.append(tolerance * level * np.pi**3 / config.diffraction * radius**3)
+        return np.minimum(*fluxes)

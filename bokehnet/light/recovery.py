@@ -102,7 +102,9 @@ def picture_of(image: Array, nearness: Array | None, config: LightConfig) -> Bri
     levels = _common_levels(image, config)
     if levels is None or _is_drawing(image, levels.clipped, config):
         return None
-    return BrightPicture.of(image, nearness, levels, config)
+    picture = BrightPicture.of(image, nearness, levels, config)
+    # By day matter of a saturated colour and blue skies clip in one channel.
+    return picture if levels.channels > 1 or picture.median < config.night[1] else None
 
 
 def estimated_light(picture: BrightPicture) -> Array:
@@ -163,7 +165,7 @@ def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
 
 
 def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
-    """Return the clip level of the whole picture; None unless at least two channels clip at the same one."""
+    """Return the clip level of the whole picture; None if channels clip at different ones."""
     levels = clip_levels(
         image,
         lowest=config.lowest_level,
@@ -173,11 +175,12 @@ def _common_levels(image: Array, config: LightConfig) -> ClipLevel | None:
     )
     known = [level for level in levels if level is not None]
     codes = [level.code for level in known]
-    if len(known) < 2 or max(codes) - min(codes) > config.level_spread:
+    if not known or max(codes) - min(codes) > config.level_spread:
         return None
     return ClipLevel(
         code=min(codes),
         clipped=min(level.clipped for level in known),
         top=min(level.top for level in known),
         shoulder=float(np.median([level.shoulder for level in known])),
+        channels=len(known),
     )

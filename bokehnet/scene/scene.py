@@ -13,9 +13,9 @@ from bokehnet.arrays.resample import resample
 from bokehnet.checks import check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.depth_repair.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
-from bokehnet.depth_repair.stages.repeated_pixels import undo_pixel_repetition
+from bokehnet.depth_repair.repeated_pixels import undo_pixel_repetition
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.frame import Frame, read_frame, without_origin
 from bokehnet.io.maps import resize_map

@@ -222,14 +222,11 @@ def analyse_shot(
     if maps is not None and not maps.is_done:
         progress = begin("steadying the maps")
         maps.filter(_frames_with_maps(frames, near, lights), numbers, progress, selected=frames.selected)
-    if not lights and _has_light(frames, near):
-        progress = begin("measuring clipped light")
-        for done, _ in enumerate(_frames_with_maps(frames, near, lights)):
-            progress(done + 1, len(near))
+    light = _light(frames, near, lights, folder, begin)
     shot = Shot(
         steady=maps,
         around=0 if maps is None else len(frames.numbers) - len(frames.selected),
-        light=steady_sums(lights, frames.selected),
+        light=light,
     )
     if len(frames.numbers) < 2 or frames.settings_of(0).depth.repair != "auto":
         return shot
@@ -298,6 +295,36 @@ def _frames_within_reach(frames: ShotFrames) -> list[int]:
         selected[np.minimum(after, len(selected) - 1)] <= numbers + REACH_FRAMES
     )
     return [int(index) for index in np.flatnonzero(near)]
+
+
+def _light(
+    frames: ShotFrames,
+    indices: Sequence[int],
+    lights: dict[int, FrameLight | None],
+    folder: Path | None,
+    begin: Callable[[str], Progress],
+) -> Mapping[int, npt.NDArray[np.float64]]:
+    """Return the clipped light of a shot, which ``folder`` keeps for a resumed run.
+
+    Args:
+        frames: Frames of the shot.
+        indices: Indices of the frames within reach of those to render.
+        lights: Light by number of frame, if it has been measured; filled otherwise.
+        folder: Folder of the decisions; None keeps nothing.
+        begin: Called at the start of the measurement with its label; returns its progress callback.
+    """
+    file = None if folder is None else folder / "light.json"
+    if file is not None and file.exists():
+        table = json.loads(file.read_text(encoding="utf-8"))
+        return {int(key): np.array(sums, np.float64).reshape(-1, 3) for key, sums in table.items()}
+    if not lights and _has_light(frames, indices):
+        progress = begin("measuring clipped light")
+        for done, _ in enumerate(_frames_with_maps(frames, indices, lights)):
+            progress(done + 1, len(indices))
+    light = steady_sums(lights, frames.selected)
+    if file is not None and lights:
+        write_text(file, json.dumps({str(key): sums.tolist() for key, sums in light.items()}))
+    return light
 
 
 def _has_light(frames: ShotFrames, indices: Sequence[int]) -> bool:

@@ -1,4 +1,4 @@
-"""Public functions have at most seven parameters; the documentation lists the exceptions with reasons."""
+"""Functions are short: at most 80 lines, and seven parameters or a reason in the documentation."""
 
 import ast
 import re
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MAX_PARAMETERS = 7
+MAX_PARAMETERS, MAX_LINES = 7, 80
 ROW = re.compile(r"^\| `([\w/]+\.py)` \| `([\w.]+)` \| (\d+) \| .+ \|$", re.MULTILINE)
 
 
@@ -33,3 +33,26 @@ def test_exceptions_are_those_of_the_documentation():
         for name, count in long_functions(ast.parse(path.read_text(encoding="utf-8")))
     }
     assert results == listed
+
+
+def holds_a_kernel(node: ast.AST) -> bool:
+    """Return whether a function is a kernel, or makes one."""
+    return any(
+        "jit" in ast.unparse(decorator)
+        for function in ast.walk(node)
+        if isinstance(function, ast.FunctionDef)
+        for decorator in function.decorator_list
+    )
+
+
+def test_no_function_but_kernels_has_more_than_80_lines():
+    long = [
+        (str(path.relative_to(ROOT)), node.name)
+        for folder in ("bokehnet", "train")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (node.end_lineno or 0) - node.lineno + 1 > MAX_LINES
+        and not holds_a_kernel(node)
+    ]
+    assert long == []

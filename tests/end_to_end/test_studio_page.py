@@ -400,7 +400,7 @@ def test_only_this_machine_can_reach_the_studio(studio):
 
 
 def helpers(process) -> list[int]:
-    """The processes in which a studio does what takes long, as Linux tells them."""
+    """The processes in which a studio does its long work, as Linux lists them."""
     try:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     except OSError:

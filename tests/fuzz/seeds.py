@@ -59,6 +59,7 @@ def write_seeds(folder: Path) -> list[Path]:
         _pictures,
         _unusual_pictures,
         _photos,
+        _phone_formats,
         _scans,
         _arrays,
         _texts,
@@ -96,6 +97,26 @@ def _photos(folder: Path) -> None:
         result: Any = photo(stored, near=1, far=5)
         data = result.read_bytes() if isinstance(result, Path) else bytes(result)
         (folder / f"phone{number}.jpg").write_bytes(data)
+
+
+def _phone_formats(folder: Path) -> None:
+    """Write HEIC and AVIF files: of 8 and 10 bits, grey, with alpha, turned, and of odd sizes."""
+    import pillow_heif
+    from PIL import Image
+
+    rng = np.random.default_rng(3)
+    colours = rng.integers(0, 255, (20, 24, 4), np.uint8)
+    modes = {"rgb": (colours[..., :3], "RGB"), "alpha": (colours, "RGBA"), "grey": (colours[..., 0], "L")}
+    for name, (values, mode) in modes.items():
+        heif = pillow_heif.from_bytes(mode, (24, 20), np.ascontiguousarray(values).tobytes())
+        heif.save(folder / f"{name}.heic", quality=80)
+        Image.fromarray(values).save(folder / f"{name}.avif", quality=80)
+    deep = rng.integers(0, 2**16, (19, 23, 3), np.uint16)
+    heif = pillow_heif.from_bytes("RGB;16", (23, 19), deep.tobytes())
+    heif.save(folder / "deep.heic", quality=90)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(colours[..., :3]).save(folder / "turned.avif", exif=exif.tobytes())
 
 
 def _scans(folder: Path) -> None:

@@ -129,7 +129,7 @@ def main() -> None:
             bpy.ops.bokehnet.render_animation()
         else:
             bpy.ops.bokehnet.render()
-    except RuntimeError as error:  # how Blender tells a report of an error to scripts
+    except RuntimeError as error:  # how Blender reports an error to scripts
         reports["error"] = str(error).strip()
     else:
         bpy.ops.bokehnet.to_compositor()

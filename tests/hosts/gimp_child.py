@@ -1,4 +1,4 @@
-"""Runs in GIMP 3, in its python-fu-eval: a picture with a depth layer is rendered, and what came of it told.
+"""Runs in GIMP 3, in its python-fu-eval: a picture with a depth layer is rendered, and the outcome written.
 
 BOKEHNET_TASK names the folder of the files; task.json in it has the program, its options and the depth
 layer's name.

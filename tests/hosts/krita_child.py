@@ -1,4 +1,4 @@
-"""Runs in Krita, by kritarunner: a document with a depth layer is rendered, and what came of it is told.
+"""Runs in Krita, by kritarunner: a document with a depth layer is rendered, and the outcome is written.
 
 Argument: the folder of the files; task.json in it has the program, its options and the depth layer's name.
 """

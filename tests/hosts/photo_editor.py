@@ -14,7 +14,7 @@ OPTIONS = "--blur 6 --focus 1 --repair-disparity off"
 
 
 class Task:
-    """Files of one rendering by an editor: photo.png, disparity.png, task.json, and what the editor told."""
+    """Files of one rendering by an editor: photo.png, disparity.png, task.json, and the editor's report."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -40,7 +40,7 @@ def archive(tmp_path_factory):
 
 @pytest.fixture
 def blender(archive, tmp_path):
-    """Run a task in Blender, and return what it told."""
+    """Run a task in Blender, and return its report."""
 
     def run(python=None, **task):
         warm = tmp_path / "python.sh"

@@ -43,7 +43,7 @@ def task(tmp_path):
 
 @pytest.fixture
 def gimp(task, folder):
-    """Render a picture by its depth layer; return what the plug-in told."""
+    """Render a picture by its depth layer; return the report of the plug-in."""
 
     def run(options=OPTIONS, depth="depth", command=None):
         environment = {"GIMP3_DIRECTORY": str(folder), "BOKEHNET_TASK": str(task.folder)}

@@ -32,7 +32,7 @@ def task(tmp_path):
 
 @pytest.fixture
 def krita(task, home):
-    """Render a document of a picture and its depth; return what the plug-in told."""
+    """Render a document of a picture and its depth; return the report of the plug-in."""
 
     def run(options=OPTIONS, depth="depth"):
         # Its Python is the system's, wherever the first `python3` of the path leads.

@@ -1,4 +1,4 @@
-"""Rendering tells nobody: no socket of the internet is opened, and no number for the device is kept."""
+"""Rendering is private: no socket of the internet is opened, and no number for the device is kept."""
 
 import os
 import shutil

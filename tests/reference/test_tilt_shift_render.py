@@ -38,7 +38,7 @@ PIXELS = np.array([CENTRE, (0, 0), (WIDTH - 1, 20), (40, HEIGHT - 1), (150, 100)
 def seen_from(camera, pixels, pupil, depth=None):
     """Return the positions in the picture of rays of pixels (N, 2) by pupil points (N, 2), and 1 / depth.
 
-    Traced: the sensor is tilted in the axes of the lens; all is told in the axes of the sensor. At ``depth``
+    Traced: the sensor is tilted in the axes of the lens; all values are in those of the sensor. At ``depth``
     along its normal, mm; by default where the ray meets that of the middle of the pupil.
     """
     lens, pitch = camera.lens, camera.pixel_pitch

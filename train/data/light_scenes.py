@@ -126,7 +126,8 @@ def _card(
 def _textured(rng: np.random.Generator, mean: float, size: tuple[int, int] = (256, 384)) -> np.ndarray:
     """Return a texture (H, W, 3) of a mean brightness, at most 0.9 times white."""
     colours = surface_texture(_CONFIG.scene, *size, rng)
-    return np.minimum(colours * np.float32(mean / max(float(colours.mean()), 1e-3)), 0.9)
+    ratio = colours * np.float32(mean / max(float(colours.mean()), 1e-3) / 0.9)
+    return 0.9 * ratio / (1 + ratio**8) ** 0.125  # smooth: a hard limit would pile up like clipped light
 
 
 def _subject(rng: np.random.Generator, mean: float) -> Plane:
@@ -242,6 +243,29 @@ def _white_shading(rng: np.random.Generator, size: tuple[int, int], level: float
     return (light * fine)[..., None] * (1 - np.array([0, 0.02, 0.06]) * rng.random())
 
 
+def _pale_plane(
+    rng: np.random.Generator,
+    white: np.ndarray,
+    alpha: np.ndarray | None,
+    reach: tuple[float, float, float],
+    size: tuple[float, float, float],
+    near: tuple[float, float],
+) -> Plane:
+    """Return a plane of pale matter at a random position.
+
+    Args:
+        rng: Random generator.
+        white: Radiance, (H, W, 3).
+        alpha: Coverage, (H, W); None for a rectangle.
+        reach: Maximum horizontal position, and bounds of the vertical one, fractions of the half picture.
+        size: Bounds of the half width, fraction of the half picture, and height over width.
+        near: Bounds of the disparity.
+    """
+    middle = (float(rng.uniform(-reach[0], reach[0])), float(rng.uniform(*reach[1:])))
+    half = float(rng.uniform(*size[:2]))
+    return _card(white, alpha, middle, (half, half * size[2]), float(rng.uniform(*near)))
+
+
 def _cards(rng: np.random.Generator) -> Scene:
     """Return white cards, some of them pages of text, before a wall of middle brightness."""
     planes = []
@@ -250,10 +274,8 @@ def _cards(rng: np.random.Generator) -> Scene:
         if rng.random() < 0.4:
             page = glyph_page(200, 200, rng).mean(-1, keepdims=True)
             white = white * np.clip(page / max(float(page.max()), 1e-3), 0.05, 1)
-        middle = (float(rng.uniform(-0.9, 0.9)), float(rng.uniform(-0.7, 0.5)))
-        size = float(rng.uniform(0.1, 0.4))
         alpha = draw_shape(SOLID_SHAPES, 200, 200, rng)
-        planes.append(_card(white, alpha, middle, (size, size * 1.3), float(rng.uniform(0.15, 0.7))))
+        planes.append(_pale_plane(rng, white, alpha, (0.9, -0.7, 0.5), (0.1, 0.4, 1.3), (0.15, 0.7)))
     wall = _textured(rng, float(rng.uniform(0.06, 0.3)))
     return Scene(background=_far(wall, 0.1), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.3)))))
 
@@ -263,9 +285,7 @@ def _houses(rng: np.random.Generator) -> Scene:
     planes = []
     for _ in range(rng.integers(2, 6)):
         white = _white_shading(rng, (160, 200), float(rng.uniform(0.8, 1.15)))
-        middle = (float(rng.uniform(-0.9, 0.9)), float(rng.uniform(-0.8, 0.3)))
-        size = float(rng.uniform(0.08, 0.35))
-        planes.append(_card(white, None, middle, (size, size * 1.2), 0.05))
+        planes.append(_pale_plane(rng, white, None, (0.9, -0.8, 0.3), (0.08, 0.35, 1.2), (0.05, 0.05)))
     for _ in range(rng.integers(1, 4)):
         alpha = draw_shape(THIN_SHAPES if rng.random() < 0.7 else OPEN_SHAPES, 300, 300, rng)
         middle = (float(rng.uniform(-1, 1)), float(rng.uniform(-0.4, 0.6)))
@@ -281,9 +301,7 @@ def _petals(rng: np.random.Generator) -> Scene:
         white = _white_shading(rng, (120, 120), float(rng.uniform(0.6, 1.15)))
         white = white * np.array([1, rng.uniform(0.8, 1), rng.uniform(0.75, 1)])
         alpha = draw_shape(SOLID_SHAPES, 120, 120, rng)
-        middle = (float(rng.uniform(-1, 1)), float(rng.uniform(-0.9, 0.8)))
-        size = float(rng.uniform(0.03, 0.2))
-        planes.append(_card(white, alpha, middle, (size, size * 1.5), float(rng.uniform(0.1, 0.7))))
+        planes.append(_pale_plane(rng, white, alpha, (1, -0.9, 0.8), (0.03, 0.2, 1.5), (0.1, 0.7)))
     wall = _textured(rng, float(rng.uniform(0.02, 0.12)))
     return Scene(background=_far(wall, 0.08), planes=(*planes, _subject(rng, 0.3)))
 

@@ -148,8 +148,7 @@ def main() -> None:
             _LENS,
             _PICTURE,
             views,
-            levels=finer is not None,
-            finer=finer or 0,
+            finer=finer,
             reuse=reuse,
             blur=blurred(views, subsamples),
         )

@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
+from bokehnet.depth_repair.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.render.renderer import BokehRenderer
 

@@ -57,8 +57,8 @@ SIX: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
 
 _CHANGE = """
     ([blank, changes]) => fetch("api/state").then((answer) => answer.json()).then(async ({ settings }) => {
-        for (const told of [blank, changes]) {
-            const body = JSON.stringify({ changes: told });
+        for (const values of [blank, changes]) {
+            const body = JSON.stringify({ changes: values });
             const headers = { "content-type": "application/json" };
             const answer = await fetch("api/change", { method: "POST", headers, body });
             if (!answer.ok) throw new Error(await answer.text());

@@ -444,6 +444,13 @@ def _coarse(values: np.ndarray, _: np.random.Generator, *, factor: int) -> np.nd
     return np.asarray(zoom(small, (height / small.shape[0], width / small.shape[1]), order=1), np.float32)
 
 
+def _ringing(values: np.ndarray, _: np.random.Generator, *, factor: int) -> np.ndarray:
+    """Return the map at a fraction of its size, enlarged by cubic splines, which overshoot at edges."""
+    height, width = values.shape
+    small = zoom(uniform_filter(values, factor), 1 / factor, order=1)
+    return np.asarray(zoom(small, (height / small.shape[0], width / small.shape[1]), order=3), np.float32)
+
+
 def _jagged(values: np.ndarray, rng: np.random.Generator, *, reach: float) -> np.ndarray:
     """Return the map with edges displaced by a smooth random field of up to ``reach`` pixels."""
     fields = [gaussian_filter(rng.standard_normal(values.shape), 10) for _ in range(2)]
@@ -475,6 +482,7 @@ FAULTS: Mapping[str, Fault] = {
     "dilated": partial(_morphology, sizes=(5,)),
     "opened": partial(_morphology, sizes=(-7, 7)),
     "coarse": partial(_coarse, factor=4),
+    "ringing": partial(_ringing, factor=4),
     "jagged": partial(_jagged, reach=4.0),
     "moved": partial(_moved, offset=(-2, 3)),
     "network": _network_like,

@@ -152,8 +152,7 @@ def render_views(
     picture: Picture,
     views: int,
     *,
-    levels: bool = False,
-    finer: float = 0.0,
+    finer: float | None = None,
     reuse: bool = False,
     blur: Blur | None = None,
 ) -> Views:
@@ -164,9 +163,9 @@ def render_views(
         lens: Focused lens.
         picture: Sensor.
         views: Number of pupil points, at least 1.
-        levels: Select the level of detail of an object by its blur; for a fractional level, that fraction of
-            the views uses the coarser level.
-        finer: Number of levels finer than the formula, as colours below the size of the blur remain visible.
+        finer: Select the level of detail of an object by its blur, this number of levels finer than the
+            formula, as colours below the size of the blur remain visible; for a fractional level, that
+            fraction of the views uses the coarser level. None draws the finest level.
         reuse: Draw an object once for all views in which it falls on the same whole pixels.
         blur: Function that blurs each view.
 
@@ -180,7 +179,7 @@ def render_views(
     light, inverse = np.zeros((views, *size, 3), np.float32), np.zeros((views, *size), np.float32)
     drawn = 0
     for mesh_object in objects:
-        level = max(_level(mesh_object, lens, picture, scale) - finer, 0.0) if levels else 0.0
+        level = 0.0 if finer is None else max(_level(mesh_object, lens, picture, scale) - finer, 0.0)
         for detail_level, group in _groups(mesh_object, lens, picture, points, level, reuse):
             corners, colors, faces = mesh_object.levels[detail_level]
             parent = group[0]

@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import Any
 
 from bokehnet.cli.commands.models import ensure_model
+from bokehnet.cli.options import message_of
 from bokehnet.cli.progress import compile_notice, progress, write_above
 from bokehnet.cli.render.frame import FrameJob, make_renderer
 from bokehnet.cli.render.run_settings import RunSettings
@@ -46,9 +47,16 @@ def render_batch(
     pictures = _files(image, IMAGE_EXTENSIONS, "IMAGE")
     if output.suffix or output.is_file():
         raise ParameterError("--output", expected="a folder for many pictures", shown=str(output))
-    output.mkdir(parents=True, exist_ok=True)
-    others = {name: path for name, path in input_files(settings).items() if _is_many(str(path))}
+    others = {}
+    for name, path in input_files(settings).items():
+        if _is_many(str(path)):
+            others[name] = path
+        elif not path.exists():  # once, not for each picture
+            raise ParameterError(
+                f"input.{name}", expected="a file, a folder or a glob", shown=f"none at {path}"
+            )
     files_of = {name: _files(str(path), _MAP_EXTENSIONS, f"input.{name}") for name, path in others.items()}
+    output.mkdir(parents=True, exist_ok=True)
     jobs: dict[int, FrameJob] = {}
     failed: dict[int, str] = {}
     for number, picture in enumerate(pictures):
@@ -61,7 +69,7 @@ def render_batch(
             job.check()
             jobs[number] = job
         except BokehnetError as error:
-            failed[number] = str(error)
+            failed[number] = message_of(error)
     ensure_model(settings.input.depth_model)
     begun = perf_counter()
     pending = {number: job for number, job in jobs.items() if run.overwrite or not job.is_finished}

@@ -147,7 +147,7 @@ class SummaryPrinter:
     def print_batch(
         self, done: Mapping[str, FrameSummary], *, existing: int, failed: Mapping[str, str], seconds: float
     ) -> None:
-        """Print the summary of many pictures, and a line for each failure, also if ``quiet``.
+        """Print the summary of many pictures, and a line for each reason of failures, also if ``quiet``.
 
         Args:
             done: Summaries of the rendered pictures by file.
@@ -162,8 +162,11 @@ class SummaryPrinter:
         elif not self.quiet:
             skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
             _print_line(f"{_count(len(done), 'picture')} rendered{skipped}, {seconds:.1f} s")
+        by_reason: dict[str, list[str]] = {}
         for name, message in failed.items():
-            _print_line(f"failed: {name}: {with_option_names(message)}")
+            by_reason.setdefault(message.replace(name, ""), []).append(name)
+        for names in by_reason.values():
+            _print_line(f"failed: {', '.join(names)}: {with_option_names(failed[names[0]])}")
 
     def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Print the summary of a frame if ``verbose``, and the notes of the first frame."""

@@ -19,8 +19,7 @@ Lines of a background can connect two near objects, too, but rarely have the col
 rarely keep their colours and their width.
 
 In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit, rising towards the camera. Out: the map
-    in
-the same unit, nowhere farther away.
+in the same unit, nowhere farther away.
 """
 
 import math

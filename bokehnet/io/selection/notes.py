@@ -1,16 +1,17 @@
-"""Notes on the selection among several pictures of a file: views of a stereo pair, view layers."""
+"""Notes on the selection of a picture: among views of a stereo pair or view layers, cropped data window."""
 
 import struct
 
 from bokehnet.io.exr.header import Attribute
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.selection.picture import Picture, picture_layers
+from bokehnet.io.window import Window
 
 __all__ = ["selection_notes"]
 
 
 def selection_notes(file: ImageFile, picture: Picture) -> tuple[str, ...]:
-    """Return one line for each selection among several pictures; empty for most files.
+    """Return one line for each selection among several pictures, and for a crop; empty for most files.
 
     Args:
         file: Open file.
@@ -28,7 +29,24 @@ def selection_notes(file: ImageFile, picture: Picture) -> tuple[str, ...]:
     selected = picture.colours[0].rpartition(".")[0]
     if len(layers) > 1 and selected in layers:
         notes.append(f"of the layers {', '.join(layers)} only {selected} is rendered")
-    return tuple(notes)
+    return (*notes, *_window_notes(picture.part.window))
+
+
+def _window_notes(window: Window) -> tuple[str, ...]:
+    """Return a note on a picture that is stored in part."""
+    is_whole = (
+        window.x <= 0
+        and window.y <= 0
+        and window.x + window.width >= window.display_width
+        and window.y + window.height >= window.display_height
+    )
+    if is_whole:
+        return ()
+    return (
+        f"only {window.width}x{window.height} pixels at x={window.x}, y={window.y} of "
+        f"{window.display_width}x{window.display_height} are stored; the picture is continued around them, "
+        "not black",
+    )
 
 
 def _is_view(layer: str, views: list[str]) -> bool:

@@ -38,6 +38,9 @@ Array = npt.NDArray[np.float32]
 # Smallest width over height of a blur disc in stored pixels; the largest is its inverse.
 _MIN_SQUEEZE = 0.1
 
+# Settings of the engine's parameters, for messages about them.
+_PARAMETER_NAMES = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
+
 # Aperture, lens and camera.
 Optics = tuple[Aperture, LensResponse, CameraEffects | None]
 
@@ -83,8 +86,7 @@ def expose(
         defocus.flags.writeable = False
     lamps = lamps_of(scene.image, defocus, settings)
     occluders = defocus.copy() if lamps is not None and overwrite and not keep else defocus
-    names = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
-    with errors_named_as("engine", names | tilt_parameter(settings)):
+    with errors_named_as("engine", _PARAMETER_NAMES | tilt_parameter(settings)):
         alpha = _spread_coverage(scene, defocus, engine, lens)
         options = replace(
             lens,

@@ -19,6 +19,8 @@ Holes = Literal["fill", "error"]
 _NEGATIVE_SENTINELS = (-1.0, -10.0, -99.0, -100.0, -999.0, -1000.0, -9999.0, -10000.0, -32768.0, -99999.0)
 _MIN_UNNORMALISED = 2.0
 
+_LARGEST_OF_8_BITS = 255
+
 # Sentinel values are separated from the data by at least this fraction of the largest value.
 _MIN_GAP = 0.05
 
@@ -32,6 +34,13 @@ _MIN_SPARSE, _MIN_ISOLATED = 0.5, 0.5
 
 # Scattered holes: zeros with a neighbour that has data, as a fraction of all zeros.
 _MIN_SCATTERED = 0.5
+
+# The largest count of an inverted map of 16 bits may mark missing data if all others are below this fraction
+# of it, as millimetres of a depth camera.
+_MAX_BELOW_SENTINEL = 0.5
+
+# Different values of a measured map, at least; drawn ones have fewer.
+_MIN_MEASURED = 16
 
 # Pixels of 0 below this fraction of a map are no reason for a warning.
 _MIN_ZEROS = 1e-3
@@ -101,7 +110,8 @@ def find_missing_disparity(
     NaN and infinity are no data, and so is a usual sentinel such as -1 or -9999 below positive numbers. In a
     normalised map 0 is the farthest value, or the nearest if inverted. It has no data if the map is sparse;
     or if the map stores physical integers (its largest is far below that of the type), nothing is near 0, and
-    the map is inverted or the zeros are scattered.
+    the map is inverted or the zeros are scattered. The largest count of an inverted map of 16 bits has no
+    data if the others are far below, and its pixels are scattered and no sky at the top of the picture.
 
     Args:
         numbers: Stored numbers, (H, W).
@@ -135,6 +145,9 @@ def find_missing_disparity(
                     f"{int(zeros.sum())} pixels of the map are 0 and count as nearest; `depth.no_data` 0 "
                     "marks them as pixels without data",
                 )
+        if invert and no_data is None and high == largest_integer != _LARGEST_OF_8_BITS:
+            top, doubts = _largest_as_missing(numbers, high)
+            masks[f"{high:.0f}"], notes = top, notes + doubts
     return _collected(masks, numbers, no_data, notes)
 
 
@@ -212,6 +225,23 @@ def _is_isolated_top(numbers: Array, top: Mask) -> bool:
     if others.size and others.max() > (1 - _MIN_GAP) * numbers[top][0]:
         return False
     return float(top[0].mean()) < _MIN_SKY_ROW
+
+
+def _largest_as_missing(numbers: Array, high: float) -> tuple[Mask, tuple[str, ...]]:
+    """Return the pixels of the largest count if they have no data; else none, and a note on doubts."""
+    top = numbers == high
+    none, below = np.zeros_like(top), numbers[numbers < high]
+    if not _is_isolated_top(numbers, top) or len(np.unique(below)) < _MIN_MEASURED:
+        return none, ()
+    is_far_below, is_scattered = below.max() < _MAX_BELOW_SENTINEL * high, _is_scattered(top)
+    if is_far_below and is_scattered:
+        return top, ()
+    if not (is_far_below or is_scattered) or top.mean() < _MIN_ZEROS:
+        return none, ()
+    return none, (
+        f"{int(top.sum())} pixels of the map are {high:.0f} and count as farthest, all others are at most "
+        f"{below.max():.0f}; `depth.no_data` {high:.0f} marks them as pixels without data",
+    )
 
 
 def _is_scattered(missing: Mask) -> bool:

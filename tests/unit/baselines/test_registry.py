@@ -120,7 +120,7 @@ def test_each_method_has_a_slow_oracle(name):
     test = getattr(import_module(f"{__package__}.{file}"), function)
     options = [mark.args[1] for mark in getattr(test, "pytestmark", [])]
     assert name in test.__code__.co_names or any(name in row for rows in options for row in rows)
-    assert "wanted" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
+    assert "expected" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
 
 
 def test_baselines_are_listed_with_the_engines():

@@ -1,4 +1,4 @@
-"""Colours parted by the scatter. Authority: the spectrum itself, and rays sent one by one."""
+"""Colours separated by the scatter. Authority: the spectrum itself, and rays sent one by one."""
 
 import math
 

@@ -1,6 +1,6 @@
 """Known surfaces: what is refused, cut and joined; and what rays make of them.
 
-Authority: discs laid over each other in closed form.
+Authority: composited discs in closed form.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A hub of models on this machine: what ``huggingface_hub`` asks for, and nothing else."""
+"""A hub of models on this machine: the requests of ``huggingface_hub``, and nothing else."""
 
 import hashlib
 import json

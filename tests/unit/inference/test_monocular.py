@@ -328,7 +328,7 @@ def points_network(tmp_path):
             helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
             helper.make_node("Mul", ["mean", "zero"], ["nothing"]),
             helper.make_node("Cast", ["num_tokens"], ["tokens"], to=FLOAT),
-            helper.make_node("Div", ["tokens", "wanted"], ["one"]),  # 1 only where the convention told it
+            helper.make_node("Div", ["tokens", "wanted"], ["one"]),  # 1 only with this convention
             helper.make_node("Add", ["p", "nothing"], ["points"]),
             helper.make_node("Identity", ["m"], ["mask"]),
             helper.make_node("Mul", ["s", "one"], ["metric_scale"]),

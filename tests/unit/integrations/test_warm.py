@@ -63,7 +63,7 @@ def picture():
 
 
 def prepare_tables(path, image, depth, alpha=1.0):
-    """Write pixels as a plug-in lays them out, and what it tells of them."""
+    """Write pixels in the layout of a plug-in, and their description."""
     colors = np.concatenate([image, np.full((*depth.shape, 1), alpha, np.float32)], -1)
     path.write_bytes(colors.tobytes() + depth.tobytes() + bytes(colors.nbytes))
     sizes = {"width": depth.shape[1], "height": depth.shape[0]}

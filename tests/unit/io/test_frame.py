@@ -351,6 +351,31 @@ def test_a_png_becomes_a_premultiplied_exr(tmp_path, store):
     assert [stored[name][1].item() for name in "RGBA"] == [np.float16(0.2)] * 4
 
 
+@pytest.mark.parametrize(
+    ("position", "display", "is_part"),
+    [
+        ((0, 0), (90, 70), False),
+        ((-5, -3), (80, 60), False),
+        ((30, 20), (200, 120), True),
+        ((0, 0), (90, 71), True),
+    ],
+)
+def test_a_crop_is_noted(tmp_path, position, display, is_part):
+    """Authority: the data window covers the display window, or not."""
+    image = np.full((*SIZE, 3), 0.5, np.float32)
+    spec = oiio.ImageSpec(SIZE[1], SIZE[0], 3, "float")
+    spec.x, spec.y = position
+    spec.full_width, spec.full_height = display
+    output = oiio.ImageOutput.create("crop.exr")
+    assert output.open(str(tmp_path / "crop.exr"), spec)
+    output.write_image(image)
+    output.close()
+    notes = [
+        note for note in read_frame(tmp_path / "crop.exr").choices if note.startswith("only 90x70 pixels")
+    ]
+    assert len(notes) == is_part
+
+
 def test_other_formats_show_the_display_window(tmp_path):
     part = {"channels": {c: ("float", np.ones(SIZE)) for c in "RGBA"}}
     window = {"x": 10, "y": -5, "full_x": 0, "full_y": 0, "full_width": 120, "full_height": 60}

@@ -85,7 +85,7 @@ def test_the_middle_of_a_mirror_lens_is_dark_where_its_rays_are() -> None:
     aberrations = fit_aberration_map(lens, wavelengths=())
     dark = [rim for rim in aberrations.vignetting_apertures if rim[1] < 0]
     assert len(dark) == 1
-    # The back of the secondary mirror over the entrance pupil, both told by the source.
+    # The back of the secondary mirror over the entrance pupil, both from the source.
     assert -dark[0][1] == pytest.approx(25 / abs(lens.paraxial.entrance.radius), abs=0.01)
     pupil = np.array([[0.1, 0.0], [0.6, 0.0], [1.2, 0.0]])
     assert aberrations(pupil, np.zeros((3, 2)))[2].tolist()[:2] == [False, True]

@@ -102,6 +102,27 @@ def test_lamps_keep_their_colour():
     assert flux[2] / flux[0] < 0.1
 
 
+@pytest.mark.parametrize("radiance", [1.6, 2.5, 3.2])
+@pytest.mark.parametrize("color", [(1.0, 0.24, 0.08), (0.1, 0.22, 1.0), (1.0, 0.55, 0.2)])
+def test_an_unclipped_channel_measures_a_lamp_of_one_colour(color, radiance):
+    """Truth: the flux of each lamp. Tail lights, neon and amber lamps clip in one or two channels."""
+    places = [(40.3, 40.1, 3.2, radiance), (40.2, 120.4, 3.6, radiance), (110.1, 80.2, 2.9, radiance)]
+    light = night(np.random.default_rng(6), places, color)
+    recovered = recover_light(stored(light)).image
+    for row, column, *_ in places:
+        y, x = round(row), round(column)
+        around = (slice(y - 8, y + 9), slice(x - 8, x + 9))
+        assert_allclose(recovered[around].sum((0, 1)), light[around].sum((0, 1)), rtol=0.25)
+
+
+def test_by_day_a_single_clipped_channel_is_left_alone():
+    """Saturated petals, clothes and skies clip in one channel."""
+    light = noisy(0.2, np.random.default_rng(7))
+    light[40:80, 60:140] *= np.array([8.0, 1.0, 0.5], np.float32)
+    original = stored(light)
+    assert recover_light(original).image is original
+
+
 def test_a_sky_behind_trees_is_brightened_and_bluish():
     light, near = sky(np.random.default_rng(4))
     original = stored(light)

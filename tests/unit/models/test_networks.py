@@ -23,7 +23,7 @@ def weights_of(network: nn.Module) -> int:
 
 
 def test_sizes_are_those_of_the_published_networks():
-    """Peng et al. 2022: about 0.92 M and 0.24 M; ours see the classical render as well unless told not to."""
+    """Peng et al. 2022: about 0.92 M and 0.24 M; ours see the classical render as well by default."""
     assert weights_of(ARNet(ARNetConfig(see_classical=False))) == pytest.approx(0.92e6, rel=0.03)
     assert weights_of(IUNet(IUNetConfig(see_classical=False))) == pytest.approx(0.24e6, rel=0.05)
 

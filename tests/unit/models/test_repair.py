@@ -81,7 +81,7 @@ def test_votes_count_the_pixels_of_both_sides_that_want_to_move():
 
 @pytest.mark.parametrize("cell", [2, 4])
 def test_likeness_separates_near_from_far_by_colour(cell):
-    """Red before blue: beside the edge each colour is told apart, on both sides of a map that is off."""
+    """Red before blue: beside the edge each colour is separated, on both sides of a map that is off."""
     colors = torch.zeros(1, 3, 32, 32)
     colors[:, 0, :, :16], colors[:, 2, :, 16:] = 1.0, 1.0
     share = torch.zeros(1, 1, 32, 32)

@@ -147,9 +147,9 @@ def test_the_page_renders_other_files(engine, folder, address, page):
     numbers = {name: np.array(x, np.float32) for name, x in (("K", 6), ("focus", FOCUS), ("gamma", 1))}
     inputs = {name: np.asarray(x, np.float32) for name, x in inputs.items()}
     expected = linear_to_srgb(np.clip(start(model).run(None, inputs | numbers)[0], 0, 1))
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, expected) > 50
-    assert decibels(found, linear_to_srgb(inputs["image"])) < 40
+    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(picture, expected) > 50
+    assert decibels(picture, linear_to_srgb(inputs["image"])) < 40
 
 
 @pytest.mark.slow
@@ -257,8 +257,8 @@ def test_too_little_memory_is_reported_and_the_tiles_are_smaller(folder, address
     )
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     (folder / "saved.png").write_bytes(rendered(page)[1])
-    assert "Too little memory" in page.inner_text("#told")
-    assert "256 pixels wide now" in page.inner_text("#told")
+    assert "Too little memory" in page.inner_text("#notice")
+    assert "256 pixels wide now" in page.inner_text("#notice")
     assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
 
 
@@ -283,7 +283,7 @@ def test_a_browser_without_threads_and_webgl_is_reported_and_renders(folder):
             page = first.context.browser.new_context(service_workers="block").new_page()
             page.goto(f"http://localhost:{server.server_port}/?{query}")
             (folder / "saved.png").write_bytes(rendered(page)[1])
-            message = page.inner_text("#told")
+            message = page.inner_text("#notice")
     finally:
         server.shutdown()
     assert "no threads: one core does all the work" in message
@@ -338,7 +338,7 @@ def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address):
     with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
         page.goto(f"{address}/?{query}")
         page.wait_for_function("document.body.dataset.provider", timeout=100_000)
-        assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#told")
+        assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#notice")
         (folder / "saved.png").write_bytes(rendered(page)[1])
     picture = linear_to_srgb(read_image(folder / "saved.png"))
     assert decibels(picture, wanted(folder, FOCUS)) > 50
@@ -350,7 +350,7 @@ def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address):
         page.goto(address)
         page.wait_for_function("document.body.dataset.provider", timeout=60_000)
         assert page.evaluate("document.body.dataset.provider") == "wasm"
-        assert "WebAssembly does the work" in page.inner_text("#told")
+        assert "WebAssembly does the work" in page.inner_text("#notice")
 
 
 def depth_network(path, shape=(1, 3, "height", "width")):
@@ -415,7 +415,7 @@ def test_a_network_file_estimates_the_depth_of_a_photo_alone(ramp, address, page
 
 @pytest.mark.slow
 def test_a_network_is_downloaded_on_click_only_and_other_bytes_are_refused(ramp, address, page):
-    """Nothing is asked before the click; the pinned address must have the pinned bytes."""
+    """Nothing is requested before the click; the pinned address must have the pinned bytes."""
     hosts = hosts_of(page)
     headers = {"Access-Control-Allow-Origin": "*"}
     page.context.route("https://huggingface.co/**", lambda route: route.fulfill(body="none", headers=headers))

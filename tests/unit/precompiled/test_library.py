@@ -266,7 +266,7 @@ def test_a_forked_child_runs_kernels_after_its_parent_did(built):
 
 
 def test_what_a_kernel_raises_is_raised(built):
-    """Memory that nobody has: the kernel asks for 2^56 bytes before it reads anything."""
+    """Memory that nobody has: the kernel allocates 2^56 bytes before it reads anything."""
     flat = []
     flatten((np.zeros((1, 1), np.float32), 1, np.zeros((1, 1), np.bool_)), flat)
     flat[2], flat[5:9] = 2**56, (2**28, 2**28, 2**30, 4)

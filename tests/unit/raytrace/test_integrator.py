@@ -38,7 +38,7 @@ def random_scene(seed, count=6):
 
 
 class OneRayPerPixel:
-    """A lens that gives the same prepared rays whatever is asked, to compare single passes."""
+    """A lens that gives the same prepared rays for any request, to compare single passes."""
 
     def __init__(self, lens, shape, seed):
         self.lens = lens

@@ -27,7 +27,7 @@ SIZE = 96, 64
 
 
 def picture(number):
-    """A frame that tells its number by eight squares of black and white."""
+    """A frame with its number in eight squares of black and white."""
     width, height = SIZE
     colors = np.full((height, width, 3), 90, np.uint8)
     colors[20:44, 30:60] = (40 + number, 120, 160)
@@ -298,7 +298,7 @@ def write_network(path):
 
 @pytest.mark.parametrize("steady", ["on", "off"])
 def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monkeypatch, steady):
-    """Authority: the same clip with red as a video of depth. The network is asked once a frame if steady."""
+    """Authority: the same clip with red as a video of depth. The network runs once per frame if steady."""
     pytest.importorskip("onnx", reason="makes networks with the extra train")
     rng = np.random.default_rng(0)
     red = np.broadcast_to(np.where(np.arange(96) < 40, 0, 255), (64, 96)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""A service in a process of its own, as its users have it, and what is asked of it."""
+"""A service in a process of its own, as its users run it, and requests to it."""
 
 import json
 import os
@@ -46,7 +46,7 @@ class Service:
         headers: dict[str, str] | None = None,
         states: tuple[str, ...] = ENDED,
     ) -> dict[str, Any]:
-        """Wait until a job is in one of some states; return what is told of it."""
+        """Wait until a job is in one of some states; return its description."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             response = self.client.get(f"/v1/jobs/{job}", headers=headers).json()

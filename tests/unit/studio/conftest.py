@@ -72,7 +72,7 @@ def client(session):
 
 @pytest.fixture
 def frames() -> Callable[[bytes], list]:
-    """Headers and pixels of an answer, without what only tells progress."""
+    """Headers and pixels of an answer, without progress messages."""
 
     def read(body: bytes) -> list:
         results = []

@@ -106,7 +106,7 @@ def test_set_that_was_begun_before_a_key_was_known_is_completed(config, whole, t
 
 
 def test_shards_are_what_webdataset_reads(config, whole):
-    """Authority: the webdataset package, and the layout it tells of: members named key.extension."""
+    """Authority: the webdataset package, and its documented layout: members named key.extension."""
     webdataset = pytest.importorskip("webdataset", reason="webdataset is not installed")
     urls = [f"file:{path}" for path in sorted(whole.glob("*.tar"))]
     result = list(webdataset.WebDataset(urls, shardshuffle=False).decode())

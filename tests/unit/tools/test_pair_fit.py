@@ -12,7 +12,7 @@ HEIGHT, WIDTH = 120, 180
 
 
 def pair(aperture, blur=0.35, focus=30.0):
-    """Lamps over a ramp of depth and a wall, blurred as told, darker by a fifth, with noise."""
+    """Lamps over a ramp of depth and a wall, blurred by a known look, darker by a fifth, with noise."""
     rng = np.random.default_rng(0)
     image = rng.uniform(0.02, 0.06, (HEIGHT, WIDTH, 3))
     for y, x in zip(rng.integers(8, HEIGHT - 8, 30), rng.integers(8, WIDTH - 8, 30), strict=True):

@@ -1,4 +1,4 @@
-"""ErrorNet: its examples are what they say, its loss asks for the mean error, and it trains."""
+"""ErrorNet: contents of its examples, minimum of its loss at the mean error, and training."""
 
 import json
 
@@ -149,7 +149,7 @@ def uneven_set(tmp_path):
 
 @pytest.mark.train
 def test_it_learns_what_errors_follow_from_and_exports(uneven_set, tmp_path):
-    """Errors of a known size: told in their order, and of that size within a third in every bin."""
+    """Errors of a known size: predicted in their order, and of that size within a third in every bin."""
     from bokehnet.models.onnx_export import export_networks
 
     optim = OptimConfig(steps=250, learning_rate=5e-3, warmup=5, average=0.95, bfloat16=False)

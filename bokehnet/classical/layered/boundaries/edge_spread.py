@@ -8,7 +8,7 @@ narrower half of the edges determines the filter. Texture has no such edges: its
 chance differ in width, so that an estimate needs edges that agree.
 
 At the depth edges of an exact map a wide filter mixes both sides into the two pixels beside the edge, a box
-only into one of them at most. The median of that leak tells a picture of unfiltered pixels.
+only into one of them at most. The median of that leak identifies a picture of unfiltered pixels.
 
 All values are linear light. Edges of clipped light are excluded because they look too sharp.
 

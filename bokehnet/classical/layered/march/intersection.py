@@ -68,16 +68,24 @@ HIDES_NOTHING = np.float32(2)
 
 
 @njit(cache=True, parallel=True)
-def _mark_last(cells):
-    """Set the coverage to ``HIDES_NOTHING`` in opaque layers without another depth behind them."""
-    height, width, layers = cells.shape[:3]
+def _fill_cells(defocus, coverage, cells):
+    """Write defocus and coverage, (H, W, L), to ``cells``, (H, W, L, 2); see :func:`layer_cells`."""
+    height, width, layers = defocus.shape
     for y in prange(height):
         for x in range(width):
-            for layer in range(layers - 2, -1, -1):
-                own, behind = cells[y, x, layer], cells[y, x, layer + 1]
-                if behind[1] < 1.0 or own[1] < 1.0 or own[0] != behind[0]:
-                    break
-                own[1] = HIDES_NOTHING
+            hides_nothing = True
+            for layer in range(layers - 1, -1, -1):
+                own = coverage[y, x, layer]
+                if layer < layers - 1:
+                    hides_nothing = (
+                        hides_nothing
+                        and coverage[y, x, layer + 1] >= 1.0
+                        and own >= 1.0
+                        and defocus[y, x, layer] == defocus[y, x, layer + 1]
+                    )
+                    if hides_nothing:
+                        own = HIDES_NOTHING
+                cells[y, x, layer, 0], cells[y, x, layer, 1] = defocus[y, x, layer], own
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
@@ -87,9 +95,10 @@ def layer_cells(layers: Layers) -> np.ndarray:
     :mod:`bokehnet.classical.layered.boundaries.pixel_boundaries`; where no other surface is behind a layer it
     is ``HIDES_NOTHING``.
     """
-    cells = np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
+    cells = np.empty((*layers.defocus.shape, 2), np.float32)
+    coverage = with_slopes(layers.defocus, layers.coverage)
     with parallel_region:
-        _mark_last(cells)
+        _fill_cells(layers.defocus, coverage, cells)
     return cells
 
 

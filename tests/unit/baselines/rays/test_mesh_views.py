@@ -85,7 +85,7 @@ def test_levels_are_those_of_the_formula_and_share_the_views():
     assert level_of_detail(9 * 100 / (0.5 * 50), 100, 50, 3) == pytest.approx(2)
     assert level_of_detail(0.01, 100, 50) == 0
     blurred, sharp = card(250.0, 5.0, (1, 0, 0)), card(1000.0, 30.0, (0, 1, 0))
-    picture = render_views([blurred, sharp], LENS, PICTURE, 20, levels=True)
+    picture = render_views([blurred, sharp], LENS, PICTURE, 20, finer=0.0)
     plain = render_views([blurred, sharp], LENS, PICTURE, 20)
     assert (picture.triangles, plain.triangles) == (20 * (2 + 4), 20 * (4 + 4))
     assert np.abs(picture.bokeh - plain.bokeh).max() < 1e-6  # flat cards look alike at all levels

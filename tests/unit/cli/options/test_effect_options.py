@@ -77,7 +77,7 @@ def test_a_strength_of_next_to_nothing_changes_next_to_nothing(folder, cli, opti
 
 
 def test_frames_have_a_grain_of_their_own_that_comes_back(folder, cli):
-    """Oracle: the library, told the number of the frame."""
+    """Oracle: the library, with the number of the frame."""
     words = [*WORDS, "--grain", 6400, "--frames", "7-8", "-o", "out.##.exr"]
     assert cli(*words).code == 0
     first = [read_image(f"out.0{number}.exr") for number in (7, 8)]
@@ -117,7 +117,7 @@ def test_alpha_moves_with_the_light_and_other_channels_stay(folder, cli, write_c
 
 
 def test_overscan_is_used_in_place_of_a_crop_and_windows_stay(folder, cli):
-    """Oracle: the library, told where the stored pixels lie in the shown picture."""
+    """Oracle: the library, with the position of the stored pixels in the shown picture."""
     image = oiio.ImageBuf("camera.exr")
     spec = image.specmod()
     spec.x, spec.y, spec.full_x, spec.full_y = -8, -4, 0, 0

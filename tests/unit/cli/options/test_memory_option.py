@@ -13,7 +13,7 @@ from bokehnet.settings.settings import RenderSettings
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other units of peak memory")
 
 
-# The peak that a parent is told of its child begins with the parent's own, so the program tells it.
+# The peak that a parent reads of its child begins with the parent's own, so the program prints it.
 PROGRAM = """
 import sys
 from pathlib import Path

@@ -257,7 +257,7 @@ def test_a_settings_file_is_the_options_that_it_names(folder, picture):
         '[depth]\nrepair = "off"\n[engine]\nname = "scatter"\n'
     )
     assert picture("render", "photo.png", "-o", "out.exr", "--settings", "mine.toml") == expected
-    # Beside it an option prevails, and a preset, too.
+    # An option overrides it, and so does a preset.
     other = picture("render", "photo.png", "-o", "out.exr", "--settings", "mine.toml", "--blades", 7)
     assert other == picture(*FULL, "--blades", 7, "--grain", 1600, "--grain-seed", 3) != expected
     (folder / "look.toml").write_text("blades = 8\ngrain = 100\n")

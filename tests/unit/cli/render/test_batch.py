@@ -50,6 +50,18 @@ def test_failures_are_listed_at_the_end_and_do_not_stop_the_others(photos, cli):
     assert lines[-1] == "bokehnet: error: 2 of 3 pictures failed"
 
 
+def test_a_reason_of_several_failures_is_printed_once(photos, cli):
+    """Authority: one mistake, one line, with the names of all pictures."""
+    words = ["--f-number", "2", "--focus-distance", "2"]  # a distance does not apply to disparity
+    outcome = cli("render", "photos", "--disparity", "maps", "-o", "out", *words)
+    assert outcome.code == 1
+    lines = [line for line in outcome.err.splitlines() if "failed: " in line]
+    assert len(lines) == 1
+    assert lines[0].startswith(
+        "bokehnet: failed: photos/a.png, photos/c.png, photos/tree 2.jpg: --focus-distance: "
+    )
+
+
 def test_finished_pictures_are_kept(photos, cli):
     words = ["render", "photos", "--constant-disparity", "0.5", "-o", "out", *WORDS]
     assert cli(*words).code == 0
@@ -65,6 +77,10 @@ def test_finished_pictures_are_kept(photos, cli):
         (
             ["none/*.png", "-o", "out"],
             "IMAGE: expected a folder or glob with pictures, got none in none/*.png",
+        ),
+        (
+            ["photos", "-o", "out", "--matte", "none"],
+            "--matte: expected a file, a folder or a glob, got none at none",
         ),
     ],
 )

@@ -85,7 +85,7 @@ def radius(distance, focus, focal_length, f_number):
 
 
 def test_a_portrait_just_works(defocus):
-    """Sharp in its middle, blurred as by a full-frame 28 mm lens, which has the view that EXIF tells."""
+    """Sharp in its middle, blurred as by a full-frame 28 mm lens, which has the view of its EXIF."""
     result = defocus("--f-number", 1.8)
     assert_allclose(result[24, 32], 0, atol=1e-6)
     assert_allclose(result[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.8), rtol=1e-4)

@@ -109,12 +109,12 @@ def test_a_picture_on_a_cluster_is_that_of_one_process_though_a_worker_is_killed
         def tiles():
             with connected(address) as run:
 
-                def told(tasks):
+                def reported(tasks):
                     for result in run(tasks):
                         arrived.set()
                         yield result
 
-                yield told
+                yield reported
 
         return tiles()
 

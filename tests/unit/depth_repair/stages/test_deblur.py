@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.deblur import blur_map, estimate_blur, restore_blurred_detail
+from bokehnet.depth_repair.stages.deblur import (
+    blur_map,
+    estimate_blur,
+    fit_surface_values,
+    restore_blurred_detail,
+)
 
 ndimage = pytest.importorskip("scipy.ndimage")
 HEIGHT, WIDTH = 96, 128
@@ -69,3 +74,28 @@ def test_a_map_that_reproduces_the_input_does_not_change():
     image, truth, _ = scene()
     restored = restore_blurred_detail(image, blur_map(truth, 3.0), truth, 3.0)
     np.testing.assert_array_equal(restored, truth)
+
+
+@pytest.mark.parametrize("deviation", [1.5, 2.5])
+def test_thin_structures_that_blur_lowered_get_their_values(deviation):
+    """Authority: the map before the blur."""
+    _, truth, without_wires = scene()
+    blurred = ndimage.gaussian_filter(truth, deviation)
+    wires = truth > without_wires
+    lowered = np.where(wires, 0.5 * (truth + without_wires), truth).astype(np.float32)
+    soft = np.abs(blurred - truth) > 0.01
+    fitted = fit_surface_values(blurred, lowered, soft, deviation)
+    assert np.abs(fitted - truth)[wires].mean() < 0.65 * np.abs(lowered - truth)[wires].mean()
+    assert np.abs(fitted - truth)[~wires].mean() < 0.02
+    np.testing.assert_array_equal((fitted > 0.7)[60:, 100:], truth[60:, 100:] > 0.7)
+
+
+def test_values_stay_where_edges_are_off_by_half_a_pixel():
+    """Authority: the true map. The edges explain the residuals, so that no value may change by much."""
+    _, _, truth = scene()
+    displaced = 0.5 * (truth + np.roll(truth, 1, (0, 1)))
+    blurred = ndimage.gaussian_filter(displaced, 2.0)[8:-8, 8:-8]
+    truth = np.ascontiguousarray(truth[8:-8, 8:-8])
+    soft = np.abs(blurred - truth) > 0.01
+    fitted = fit_surface_values(blurred, truth, soft, 2.0)
+    assert np.abs(fitted - truth).max() < 0.03

@@ -205,7 +205,7 @@ def test_unknown_code_points_are_reported(tmp_path):
     ],
 )
 def test_the_gamma_of_a_png_counts(tmp_path, chunks, exponent):
-    """W3C PNG third edition, 11.3.2.2: gAMA tells the exponent from light to samples; sRGB prevails."""
+    """W3C PNG third edition, 11.3.2.2: gAMA is the exponent from light to samples; sRGB overrides it."""
     write_png(tmp_path / "a.png", (1, 1, 3), np.uint8, lambda rows: np.full((1, 1, 3), 128), chunks)
     light = read_image(tmp_path / "a.png")[0, 0, 0]
     assert_allclose(light, 0.21586 if exponent is None else (128 / 255) ** exponent, rtol=1e-3)

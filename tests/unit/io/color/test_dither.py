@@ -36,7 +36,7 @@ def test_a_slope_shows_no_bands():
 
 
 def test_grey_stays_grey():
-    """Maps are told from colour pictures by it."""
+    """It distinguishes maps from colour pictures."""
     grey = np.repeat(np.random.default_rng(0).random((20, 30, 1)), 3, axis=2)
     result = quantise(grey, 8, top=3)
     assert_array_equal(result, np.repeat(result[..., :1], 3, axis=2))

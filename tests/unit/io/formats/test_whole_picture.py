@@ -50,7 +50,7 @@ def photo(tmp_path, slope):
 
 
 def decoded(path):
-    """Levels from 0 to 1, as stored, and what the file tells, by a reader that is not ours."""
+    """Levels from 0 to 1, as stored, and the file's metadata, by a reader that is not ours."""
     if path.suffix == ".avif":
         with Image.open(path) as picture:
             return np.asarray(picture) / 255, picture.info
@@ -163,3 +163,11 @@ def test_an_encoder_that_fails_is_one_line(tmp_path, slope, monkeypatch):
     with pytest.raises(ImageFileError, match="cannot be written, any older file is kept: no room"):
         write_image(tmp_path / "a.heic", slope)
     assert not list(tmp_path.glob("*.heic"))
+
+
+def test_a_format_that_is_only_written_is_named(tmp_path):
+    """Authority: README of the readers lists no AVIF; the message says so and names the readable ones."""
+    path = tmp_path / "a.avif"
+    path.write_bytes(b"\0\0\0\x1cftypavif" + bytes(40))
+    with pytest.raises(ImageFileError, match=r"AVIF files are written, not read; convert it to one of \.jpg"):
+        read_frame(path)

@@ -179,7 +179,7 @@ def test_a_tiff_written_with_metadata_is_a_tiff_to_others(photo, tmp_path):
 
 
 def test_the_colour_space_of_exif_is_that_of_the_result(photo, tmp_path):
-    """Kept colours keep what is told; Adobe RGB of a camera, say, is told so beside its profile."""
+    """Kept colours keep their description, such as Adobe RGB in the EXIF of a camera."""
     path = photo("jpg")
     Image.open(path).save(path, exif=b"Exif\0\0" + exif(), icc_profile=profiles.KNOWN["adobe"])
     frame = read_frame(path)

@@ -34,7 +34,7 @@ def test_seven_numbers_for_each_of_64_wavelengths_go_out_and_in():
 
 
 def test_seidels_columns_are_the_sliders():
-    """:class:`AberrationSliders`: coma is a third of its tail, the field is told at the medial focus."""
+    """:class:`AberrationSliders`: coma is a third of its tail, the field is that of the medial focus."""
     sliders = AberrationSliders(
         spherical=0.6, coma=0.9, astigmatism=0.4, field_curvature=0.3, focusing="paraxial"
     )

@@ -75,7 +75,7 @@ def test_the_perfect_map_gives_a_disc():
     ],
 )
 def test_reduced_and_traced_agree_over_depth_and_field(name):
-    """Reference: light sent through the glass; wide open, in colour. 0.95 is asked for on average."""
+    """Reference: light sent through the glass; wide open, in colour. The required mean is 0.95."""
     lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)
     pairs = list(psf_pairs(lens, rays=4000))
     result = np.array([pair.correlation for pair in pairs])

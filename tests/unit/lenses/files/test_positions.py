@@ -1,4 +1,4 @@
-"""Zooms and floating groups: focal lengths as the patent prints them, gaps as they were told."""
+"""Zooms and floating groups: focal lengths as the patent prints them, gaps of the file."""
 
 import math
 from pathlib import Path
@@ -76,7 +76,7 @@ def _focal_length(path: str) -> float:
 def test_each_position_of_a_zoom_has_the_focal_length_that_is_printed(tmp_path: Path) -> None:
     path = tmp_path / "zoom.fx"
     path.write_text(_ZOOM)
-    # Indices are told to three places.
+    # Indices have three decimal places.
     for position, printed in ((1, 72.10), (2, 135.0), (3, 194.01)):
         assert _focal_length(f"{path}@{position}") == pytest.approx(printed, rel=0.01)
     first = import_lens(path)

@@ -25,7 +25,7 @@ def test_rows_are_chosen_as_gaussian_optics_blurs(depth):
 
 
 def _both(lens, texture, depth, wavelength, value):
-    """Blur as traced, and by the row of a wavelength that is told."""
+    """Blur as traced, and by the row of a given wavelength."""
     color, pitch = np.ones((1, 1)), 0.03
     traced = traced_psf(
         lens,

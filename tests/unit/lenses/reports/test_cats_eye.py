@@ -63,7 +63,7 @@ def test_the_slider_is_a_rim_of_the_aberration_map():
 def test_the_slider_has_the_opening_that_is_traced(name):
     """Authority: which rays of a point near the corner the glass lets pass, where they cross the pupil.
 
-    Both shapes are laid on each other by their middles, in one size; at most 12 % of what either covers is of
+    Both shapes are centred on each other, in one size; at most 12 % of what either covers is of
     one alone.
     """
     lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)

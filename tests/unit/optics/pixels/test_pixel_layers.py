@@ -6,7 +6,7 @@ from bokehnet.optics.pixels.pixel_layers import merge_surfaces
 
 
 def over(colors, coverage):
-    """Layers (P, L, C) laid over one another; Porter and Duff, 1984."""
+    """Layers (P, L, C) composited by Porter and Duff, 1984."""
     clear = np.cumprod(1 - coverage, -1)
     ahead = np.concatenate([np.ones_like(clear[:, :1]), clear[:, :-1]], -1)
     return ((ahead * coverage)[..., None] * colors).sum(1)
@@ -14,7 +14,7 @@ def over(colors, coverage):
 
 @pytest.mark.parametrize("layers", [1, 2, 4, 9])
 def test_merged_layers_show_what_the_samples_show(layers):
-    """Authority: the mean over the samples, each laid over by Porter and Duff's rule."""
+    """Authority: the mean over the samples, each composited by Porter and Duff's rule."""
     rng = np.random.default_rng(layers)
     colors = rng.random((50, 8, 3, 3))
     disparity = -np.sort(-rng.random((50, 8, 3)), -1)

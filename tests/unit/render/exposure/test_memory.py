@@ -1,4 +1,4 @@
-"""A bound of the memory that is too small is told before anything is read."""
+"""A memory bound that is too small is reported before anything is read."""
 
 import re
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_the_minimum_grows_with_the_picture_and_the_request():
     ],
 )
 def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
-    """Authority: the least that the engine itself tells once the picture is there, of 400x3000 pixels."""
+    """Authority: the minimum that the engine itself reports once the picture is there, of 400x3000 pixels."""
     settings = bounded(1, depth={"repair": "off"}, **look)
     height, width = 3000, 400
     least = min_memory(settings, "rays", width, height)
@@ -101,7 +101,7 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
 
 @pytest.mark.parametrize("engine", ["scatter", "rays"])
 def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch):
-    """The least that is told is enough to render with; without alpha it is less."""
+    """The reported minimum is enough to render with; without alpha it is less."""
     monkeypatch.chdir(tmp_path)
     height, width = 1500, 60
     rgba = np.full((height, width, 4), 0.25, np.float32)
@@ -109,14 +109,14 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
     write_exr("shot.exr", {"channels": {name: ("float", rgba[..., i]) for i, name in enumerate("RGBA")}})
     write_map("map.png", np.linspace(0, 1, height * width).reshape(height, width))
 
-    def told(size):
+    def bounded_to(size):
         return bounded(size, depth={"repair": "off", "as_stored": True}).updated({"engine": {"name": engine}})
 
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
-        check_memory("shot.exr", told(10**8))
+        check_memory("shot.exr", bounded_to(10**8))
     match = re.search(r"at least (\d+) MB", str(refused.value))
     assert match is not None
-    settings = told(int(match[1]) * 10**6)
+    settings = bounded_to(int(match[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
     assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)
 

@@ -88,7 +88,7 @@ def test_strips_see_the_layers_of_the_whole():
 
 def test_holes_lie_at_no_depth():
     pictures, depths = curtain()
-    depths[0][:, EDGE:] = np.nan  # where nothing is, nothing is asked
+    depths[0][:, EDGE:] = np.nan  # pixels without a surface have no depth
     layers = make_layers(pictures, depths)
     assert np.isfinite(layers.values).all()
     assert flattened(layers)[1][0, -1] == pytest.approx(1 / 4000)

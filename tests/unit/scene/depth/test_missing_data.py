@@ -60,6 +60,23 @@ def test_holes_of_a_depth_camera_read_as_inverted_disparity():
     assert (disparity_mask(np.where(holes, 0, DEPTH), invert=True) == holes).all()
 
 
+def test_the_largest_count_of_a_depth_camera_is_no_data_under_inversion():
+    """Authority: the mask of the holes. Sky, walls at the far plane and maps of 8 bits keep their values."""
+    holes = (RNG.random(DEPTH.shape) < 0.03) | ((X > 110) & (X < 112) & (Y > 30) & (Y < 90))
+    assert (disparity_mask(np.where(holes, 65535, DEPTH), invert=True) == holes).all()
+    assert not disparity_mask(np.where(holes, 65535, DEPTH), invert=False).any()
+    assert not disparity_mask(np.where(holes, 65535, DEPTH), invert=True, no_data=7).any()
+    assert not disparity_mask(np.where(holes, 65535, 8 * DEPTH), invert=True).any()  # normalised, a far net
+    assert not disparity_mask(np.where(holes, 255, DEPTH / 40), 255, invert=True).any()
+    for far, depth in ((DISC, DEPTH), (holes, 8 * DEPTH)):
+        values = np.where(far, 65535, depth).astype(np.float32)
+        found = find_missing_disparity(values, 65535, invert=True, no_data=None)
+        assert not found.mask.any()
+        assert f"{far.sum()} pixels of the map are 65535 and count as farthest" in found.notes[0]
+    sky = np.where(Y < 30, 65535, DEPTH).astype(np.float32)
+    assert not find_missing_disparity(sky, 65535, invert=True, no_data=None).notes
+
+
 @pytest.mark.parametrize("invert", [False, True])
 @pytest.mark.parametrize(
     "values",

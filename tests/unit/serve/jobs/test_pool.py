@@ -20,7 +20,7 @@ class FullStore(JobStore):
 
     def _fail(self, name):
         if name in self.fails:
-            self.told.add(name)
+            self.reported.add(name)
             raise OSError(28, "No space left on device")
 
     def claim(self):
@@ -40,7 +40,7 @@ class FullStore(JobStore):
 def test_a_full_disk_costs_no_job_and_no_worker(tmp_path, monkeypatch, fails):
     monkeypatch.setattr("bokehnet.serve.jobs.store.STALE_SECONDS", 2.0)
     store = FullStore(tmp_path, 10, 60.0)
-    store.told, store.fails = set(), fails
+    store.reported, store.fails = set(), fails
     pool = Pool(store, ServiceSettings(workers=1, folder=tmp_path), Metrics(store))
     incoming = store.incoming()
     request = {
@@ -53,7 +53,7 @@ def test_a_full_disk_costs_no_job_and_no_worker(tmp_path, monkeypatch, fails):
     job, _ = store.submit(incoming, request, None)
     pool.start()
     try:
-        wait(lambda: store.told == set(fails))
+        wait(lambda: store.reported == set(fails))
         assert all(thread.is_alive() for thread in threading.enumerate() if thread.name.startswith("slot-"))
         assert store.view(job)["state"] in ("queued", "running")
         store.fails = ()

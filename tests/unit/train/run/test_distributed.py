@@ -100,7 +100,7 @@ def test_two_processes_have_the_curve_and_the_weights_of_one(tmp_path):
 
 @pytest.mark.train
 def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(tmp_path):
-    """Process 1 alone is asked to stop in step 5; process 0 writes the checkpoint, later alone the rest."""
+    """Process 1 alone is to stop in step 5; process 0 writes the checkpoint, later alone the rest."""
     finish(toy(tmp_path / "whole"))
     line = toy(tmp_path / "cut", stop_step=5)
     process = start(twice(line))

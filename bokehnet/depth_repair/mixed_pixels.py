@@ -5,8 +5,7 @@ is then blurred like a surface that does not exist, and can even be in focus bet
 a blurred background. Colour may be mixed, depth may not.
 
 Method: ramp detection along four directions. A ramp of at most three pixels between two surfaces, steeper
-    than
-both, is replaced by the value of the surface with the larger coverage, computed in the quantity that was
+than both, is replaced by the value of the surface with the larger coverage, computed in the quantity that was
 filtered (depth or disparity). Wider ramps do not change. In contrast,
 :mod:`bokehnet.classical.layered.depth_discontinuities` measures edges in pixels of blur, which are unknown
 for a file, and splits them at the middle of the disparity, which is not the middle of the coverage if depth

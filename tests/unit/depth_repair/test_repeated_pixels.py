@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.depth_repair.stages.repeated_pixels import undo_pixel_repetition
+from bokehnet.depth_repair.repeated_pixels import undo_pixel_repetition
 
 
 def soft(height: int, width: int, sigma: float) -> np.ndarray:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.depth_repair.stages.mixed_pixels import mixed_pixel_fraction, repair_mixed
+from bokehnet.depth_repair.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.errors import ParameterError, ShapeError
 
 NEAR, FAR = 1.0, 0.1  # 1/m

@@ -1,0 +1,49 @@
+"""Kernels of the default paths are compiled ahead: the list of signatures has every one that Python calls."""
+
+import ast
+from pathlib import Path
+
+from tools.kernel_library import read_signatures
+
+PACKAGE = Path(__file__).parents[3] / "bokehnet"
+ROOMS = ("arrays", "classical", "depth_repair", "effects", "light", "optics", "scene", "sequence")
+
+# Adjoints and spans, which torch needs, and the surfaces of `trace --method peeled`: the first call compiles.
+WITH_TORCH = {
+    "aperture_scatter.shaped_backward",
+    "disc_scatter.gather_discs",
+    "disc_scatter.sum_from_end",
+    "pixel_layers._merge",
+    "scanline_spans._list_disc",
+}
+
+
+def decorated(node: ast.AST, words: tuple[str, ...]) -> bool:
+    """Return whether a decorator of a function contains one of some words."""
+    decorators = getattr(node, "decorator_list", [])
+    return any(word in ast.unparse(decorator) for decorator in decorators for word in words)
+
+
+def called_kernels(path: Path) -> set[str]:
+    """Return the kernels of a module that its own Python functions call."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    kernels = {node.name for node in body if isinstance(node, ast.FunctionDef) and decorated(node, ("njit",))}
+    return kernels & {
+        call.func.id
+        for node in body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        and not decorated(node, ("jit", "intrinsic", "overload"))
+        for call in ast.walk(node)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
+    }
+
+
+def test_kernels_that_python_calls_are_listed():
+    called = {
+        f"{path.stem}.{name}"
+        for room in ROOMS
+        for path in (PACKAGE / room).rglob("*.py")
+        for name in called_kernels(path)
+    }
+    assert len(called) > 40
+    assert called - {name for name, _ in read_signatures()} == WITH_TORCH
