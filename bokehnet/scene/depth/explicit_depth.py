@@ -40,7 +40,7 @@ class RelativeDisparity:
     """Relative disparity, near is large, as from monocular networks and stereo.
 
     Attributes:
-        map: File or array (h, w).
+        map: File, array (h, w), or map as read from a file.
         channel: Channel of a file; None detects it.
         invert: True if far is large: uses ``1 - value`` after normalisation.
         value_range: Values that map to 0 and 1; None uses the lowest and the highest.
@@ -63,7 +63,7 @@ class RelativeDisparity:
     kind: ClassVar[Kind | None] = "relative"
     tells_focus: ClassVar[bool] = False
 
-    map: Path | str | npt.NDArray[np.floating]
+    map: Path | str | StoredMap | npt.NDArray[np.floating]
     channel: str | None = None
     invert: bool = False
     value_range: tuple[float, float] | None = None
@@ -265,13 +265,15 @@ class MetricDepth:
 
 def _stored(
     quantity: str,
-    source: Path | str | npt.NDArray[np.floating],
+    source: Path | str | StoredMap | npt.NDArray[np.floating],
     channel: str | None,
     coding: str,
     holes: Holes | None,
     photo: Photo,
 ) -> StoredMap:
     """Return the stored map of a file or an array."""
+    if isinstance(source, StoredMap):
+        return source
     if not isinstance(source, np.ndarray):
         return read_stored_map(source, channel, coding=coding, window=photo.window, progress=photo.progress)
     if quantity == "disparity" and holes is None:
@@ -285,7 +287,7 @@ def _filled(
     photo: Photo,
     holes: Holes | None,
     stored: StoredMap,
-    source: Path | str | npt.NDArray[np.floating],
+    source: Path | str | StoredMap | npt.NDArray[np.floating],
 ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
     """Return a map without missing values, words for the summary, and notes.
 
@@ -297,7 +299,9 @@ def _filled(
     return filled_map(values, missing, photo.image, holes or default, _name_of(source, "the map"))
 
 
-def _name_of(source: Path | str | npt.NDArray[np.floating], otherwise: str) -> str:
+def _name_of(source: Path | str | StoredMap | npt.NDArray[np.floating], otherwise: str) -> str:
+    if isinstance(source, StoredMap):
+        return source.name
     return otherwise if isinstance(source, np.ndarray) else str(source)
 
 
@@ -384,7 +388,7 @@ class DefocusMap:
 
 def _check_source(name: str, source: object) -> None:
     """Raise unless a map is a file or an array (h, w)."""
-    check_kind(name, source, Path, str, np.ndarray)
+    check_kind(name, source, Path, str, np.ndarray, StoredMap)
     if isinstance(source, np.ndarray):
         check_rank(name, source, 2, "(h, w)")
         if source.dtype.kind not in "fiub":
