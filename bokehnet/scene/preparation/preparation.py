@@ -161,6 +161,7 @@ def _prepare_picture(
             image=bars.inside(scene.image),
             depth=replace(scene.depth, values=bars.inside(map_at_picture_size(scene, settings.depth))),
             window=bars.window_inside(scene.window),
+            extra_light=None if scene.extra_light is None else bars.inside(scene.extra_light),
         )
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
@@ -190,7 +191,8 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
-    sums = None if scene.light_sums is None else array_digest(scene.light_sums)
+    known_light = scene.light_sums if scene.extra_light is None else scene.extra_light
+    sums = None if known_light is None else array_digest(known_light)
     light = cache.get(
         ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
         lambda: recovered_light(scene, final.values, settings.highlights, bars),
