@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,12 +121,12 @@ MUTANTS = (
 )
 
 
-def run_tests(folder: Path, tests: str, tier: str) -> bool:
+def run_tests(folder: Path, tests: Iterable[str], tier: str) -> bool:
     """Return whether a test fails in a copy of the checkout.
 
     Args:
         folder: Copy of the checkout.
-        tests: File or folder below ``tests/unit``.
+        tests: Files or folders below ``tests/unit``.
         tier: "quick" or "all".
 
     Raises:
@@ -133,11 +134,13 @@ def run_tests(folder: Path, tests: str, tier: str) -> bool:
     """
     environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
-    path = f"tests/unit/{tests}"
-    command += ["-o", f"testpaths={path}"] if tier == "quick" else [path]  # a path argument selects all tests
+    paths = [f"tests/unit/{name}" for name in tests]
+    command += (
+        ["-o", f"testpaths={' '.join(paths)}"] if tier == "quick" else paths
+    )  # arguments select all tests
     process = subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=False)
     if process.returncode not in (0, 1, 5):  # 5: no test of that tier
-        raise SystemExit(f"{path}: pytest ended with {process.returncode}")
+        raise SystemExit(f"{' '.join(paths)}: pytest ended with {process.returncode}")
     return process.returncode == 1
 
 
@@ -152,12 +155,14 @@ def main() -> None:
         for part in ("bokehnet", "train", "benchmarks", "tests"):
             shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy(ROOT / "pyproject.toml", folder)
+        if run_tests(folder, sorted({MUTANTS[number - 1].tests for number in numbers}), "quick"):
+            raise SystemExit("the tests must pass before a change")
         for number in numbers:
             mutant = MUTANTS[number - 1]
             path = folder / "bokehnet" / mutant.path
             source = path.read_text("utf-8")
             path.write_text(source.replace(mutant.before, mutant.after), "utf-8")
-            tier = next((tier for tier in killed if run_tests(folder, mutant.tests, tier)), None)
+            tier = next((tier for tier in killed if run_tests(folder, [mutant.tests], tier)), None)
             path.write_text(source, "utf-8")
             if tier is not None:
                 killed[tier] += 1

@@ -263,6 +263,7 @@ def main() -> None:
     if options.web:
         make_web(out)
         return
+    released_files()  # fails at once outside a git repository
     version, unpinned = check_versions(), unpinned_models()
     if unpinned and options.pinned:
         fail(f"depth networks: expected pins, found none of {', '.join(unpinned)}; run tools.pin_models")

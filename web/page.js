@@ -124,7 +124,7 @@ function choose(name, file) {
   document.querySelector(`[data-of=${name}]`).textContent = file.name ? `${label}: ${file.name}` : `Another ${label.toLowerCase()}`;
   if (chosen.photo && chosen.disparity) open(chosen.photo, chosen.disparity);
   else status.textContent = chosen.photo ? "Now its depth map, or estimate it." : "Now the photo.";
-  if (!chosen.disparity) document.querySelector("#without").open = true;
+  document.querySelector("#without").open = !chosen.disparity;
 }
 
 const isMap = (file) => /depth|disp|map/i.test(file.name);

@@ -192,7 +192,8 @@ def main() -> None:
         line = "".join(f"{scores[column]:9.2f}" for column in columns)
         print(f"{'mean':16s}{name:10s}{line}", flush=True)
     if arguments.figures:
-        command = f"python -m benchmarks.quality.tensors FOLDER --shots {arguments.shots}"
+        chosen = " ".join(["", "--methods", *arguments.methods]) if arguments.methods else ""
+        command = f"python -m benchmarks.quality.tensors FOLDER --shots {arguments.shots}{chosen}"
         conditions = (
             f"{len(rows)} path-traced pictures, true depth, dB of the clipped sRGB picture; "
             f"time of {_SIZE[0]}x{_SIZE[1]} pixels, blur {_BLUR_PX:g} px"

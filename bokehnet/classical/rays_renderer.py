@@ -28,7 +28,7 @@ from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
-from bokehnet.classical.layered.march.defocus_bins import TILE, occupied_bins
+from bokehnet.classical.layered.march.defocus_bins import TILE, DefocusBins, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.resolution_levels import levels_halo, march_levels
@@ -407,7 +407,7 @@ def _rays_job(
     colors: np.ndarray,
     cells: np.ndarray,
     rays_mask: np.ndarray,
-    bins: np.ndarray,
+    bins: DefocusBins,
 ) -> RaysJob:
     """Return the job of the march through layers; arrays as in :class:`RaysJob`."""
     return RaysJob(

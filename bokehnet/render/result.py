@@ -40,7 +40,8 @@ class RenderReport:
         repair_reason: Reason of the repair or its absence, a few words.
         focus_disparity: Disparity in focus, in the unit of the map, near end of a range; None for a defocus
             map.
-        focus_distance: Distance in focus, metres; None for relative disparity.
+        focus_distance: Distance in focus, metres, near end of a range; None for relative disparity.
+        focus_far_disparity, focus_far_distance: The same of the far end of a range; None without a range.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         notes: Automatic choices and warnings, one line each.
         assumptions: Values and facts that neither settings nor files define, a few words each: focus,
@@ -51,6 +52,8 @@ class RenderReport:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
         >>> f"{report.engine}: up to {report.largest_blur} pixels, focus at {report.focus_distance} m"
         'scatter: up to 12.5 pixels, focus at 2.0 m'
+        >>> report.focus_text
+        'focus at 2 m'
     """
 
     engine: str
@@ -59,10 +62,26 @@ class RenderReport:
     repair_reason: str = ""
     focus_disparity: float | None = None
     focus_distance: float | None = None
+    focus_far_disparity: float | None = None
+    focus_far_distance: float | None = None
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     light: str = ""
+
+    @property
+    def focus_text(self) -> str:
+        """Focus in a few words: metres or disparity, both ends of a range; empty for a defocus map."""
+        if self.focus_distance is not None:
+            near, far, unit = self.focus_distance, self.focus_far_distance, " m"
+        elif self.focus_disparity is not None:
+            near, far, unit = self.focus_disparity, self.focus_far_disparity, ""
+        else:
+            return ""
+        if far is None or f"{far:.3g}" == f"{near:.3g}":
+            return f"focus at {near:.3g}{unit}"
+        low, high = sorted((near, far))
+        return f"sharp from {low:.3g} to {high:.3g}{unit}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -192,10 +211,8 @@ class RenderResult:
         report = self.report
         height, width = self.bokeh.shape[:2]
         lines = [f"{report.engine}, {width}x{height}, blur up to {report.largest_blur:.1f} pixels"]
-        if report.focus_distance is not None:
-            lines[0] += f", focus at {report.focus_distance:.3g} m"
-        elif report.focus_disparity is not None:
-            lines[0] += f", focus at disparity {report.focus_disparity:.3g}"
+        if report.focus_text:
+            lines[0] += f", {report.focus_text}"
         return shown_html(self._in_rec709(self.bokeh), [*lines, *report.notes])
 
     def _in_rec709(self, image: Array) -> Array:

@@ -86,9 +86,17 @@ class FocusedLens:
     @property
     def distance(self) -> float | None:
         """Distance in focus, metres; the near end of a range; None for relative disparity."""
+        return self._distance(self.near)
+
+    @property
+    def far_distance(self) -> float | None:
+        """Distance of the far end of a range in focus, metres; None for relative disparity."""
+        return self._distance(self.far)
+
+    def _distance(self, disparity: float) -> float | None:
         if self.camera is None:
             return None
-        return 1 / (1000 * self.near) if self.near > 0 else math.inf
+        return 1 / (1000 * disparity) if disparity > 0 else math.inf
 
     def defocus(self, disparity: Array) -> Array:
         """Return the signed blur radius of each pixel, (H, W), pixels, positive in front of focus.

@@ -302,7 +302,7 @@ class _Api:
         return Response(_framed(picture), media_type="application/octet-stream")
 
     async def overlay(self, request: Request) -> Response:
-        """Send an overlay: ``depth``, ``focus`` or ``confidence``."""
+        """Send an overlay; see :func:`bokehnet.studio.preview.overlays.overlay`."""
         opened, query = _open_one(self._session), request.query_params
         size = _fitted(opened, query)
         picture = await asyncio.to_thread(overlay, opened, self._session.settings, size, query["kind"])

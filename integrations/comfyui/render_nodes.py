@@ -145,7 +145,7 @@ class CommonInputs:
 
 def _line(report: RenderReport) -> str:
     """Return the summary of a frame in one line."""
-    line = f"{report.engine}, focus at {report.focus_disparity:.3g}, "
+    line = f"{report.engine}, {report.focus_text}, "
     line += f"blur up to {report.largest_blur:.3g} pixels"
     if report.repair_reason:
         line += f", map {'repaired' if report.repaired else 'as it is'} ({report.repair_reason})"

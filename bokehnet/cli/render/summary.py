@@ -42,7 +42,7 @@ class FrameSummary:
 
     def line(self) -> str:
         """Return the summary as one line."""
-        parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
+        parts = [f"{self.width}x{self.height}", self.report.engine, self.report.focus_text]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
         parts.append(self.report.light)
         line = f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
@@ -64,6 +64,8 @@ class FrameSummary:
             "engine": report.engine,
             "focus_disparity": report.focus_disparity,
             "focus_distance_m": report.focus_distance,
+            "focus_far_disparity": report.focus_far_disparity,
+            "focus_far_distance_m": report.focus_far_distance,
             "largest_blur_px": report.largest_blur,
             "repaired": report.repaired,
             "repair_reason": report.repair_reason,
@@ -75,12 +77,6 @@ class FrameSummary:
             "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
-
-    def _focus(self) -> str:
-        report = self.report
-        if report.focus_distance is not None:
-            return f"focus at {report.focus_distance:.3g} m"
-        return "" if report.focus_disparity is None else f"focus at {report.focus_disparity:.3g}"
 
     def _repair(self) -> str:
         if self.report.repaired is None:

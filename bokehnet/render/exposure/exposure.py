@@ -188,6 +188,7 @@ def _memory_in_use(scene: FocusedScene, keep: bool, overwrite: bool) -> int:
 
 def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderReport:
     focused = scene.lens
+    ranged = focused if focused is not None and focused.near != focused.far else None
     return RenderReport(
         engine=engine.name,
         largest_blur=largest_blur,
@@ -195,6 +196,8 @@ def _report(scene: FocusedScene, engine: Engine, largest_blur: float) -> RenderR
         repair_reason=scene.repair_reason,
         focus_disparity=None if focused is None else focused.near,
         focus_distance=None if focused is None else focused.distance,
+        focus_far_disparity=None if ranged is None else ranged.far,
+        focus_far_distance=None if ranged is None else ranged.far_distance,
         pixel_filter=scene.pixel_filter if engine.name in RAY_ENGINES else None,
         notes=scene.notes,
         assumptions=scene.assumptions,

@@ -47,7 +47,8 @@ def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kin
         opened: Opened picture.
         settings: Settings with the focus.
         size: Width and height, pixels.
-        kind: ``depth``: near is light; ``focus``: sharp is green, in front orange, behind blue;
+        kind: ``depth``: near is light; ``unrepaired``: the same for the map before its repair and without
+            strokes; ``focus``: sharp is green, in front orange, behind blue;
             ``confidence``: red where depth edges or the repair of the map may be wrong; ``light``: yellow
             where clipped light was estimated, the brighter the denser.
 
@@ -56,6 +57,7 @@ def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kin
     """
     overlays: dict[str, Callable[[Opened, RenderSettings, tuple[int, int]], NDArray[np.uint8]]] = {
         "depth": _depth,
+        "unrepaired": _unrepaired_depth,
         "focus": _focus,
         "confidence": _confidence,
         "light": _light,
@@ -100,6 +102,10 @@ def _depth(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> N
     weight = (position - below)[..., None]
     colors = _DEPTH_COLORS[below] * (1 - weight) + _DEPTH_COLORS[below + 1] * weight
     return _opaque(colors)
+
+
+def _unrepaired_depth(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
+    return _depth(Opened(opened.path, opened.scene), settings, size)
 
 
 def _focus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:

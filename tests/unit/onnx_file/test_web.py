@@ -244,6 +244,7 @@ def test_the_sample_is_one_click(folder, address, page):
     page.click("#sample")
     assert "110x83 in" in rendered(page)[0]
     assert not page.evaluate("document.querySelector('#controls').inert")
+    assert not page.evaluate("document.querySelector('#without').open")
 
 
 @pytest.mark.slow

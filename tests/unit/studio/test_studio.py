@@ -153,11 +153,24 @@ def test_the_loupe_shows_what_the_file_will_have(client, opened, frames):
     assert np.abs(pixels[..., :3] - whole[20:44, 32:64]).max() <= 1
 
 
-@pytest.mark.parametrize("kind", ["depth", "focus", "confidence"])
+@pytest.mark.parametrize("kind", ["depth", "unrepaired", "focus", "confidence"])
 def test_overlays_have_the_size_of_the_preview(client, opened, frames, kind):
     ((_, pixels),) = frames(client.get(f"api/overlay?kind={kind}&width=48&height=64").content)
     assert pixels.shape == (32, 48, 4)
     assert pixels[..., :3].std() > 0 or pixels[..., 3].std() > 0
+
+
+def test_the_map_is_shown_before_and_after_its_repair(client, opened, frames):
+    """Authority: the overlay of the map before the repair."""
+
+    def overlay(kind: str) -> np.ndarray:
+        ((_, pixels),) = frames(client.get(f"api/overlay?kind={kind}&width=96&height=64").content)
+        return pixels
+
+    before = overlay("depth")
+    opened.opened.take_repaired(np.ascontiguousarray(opened.opened.values[:, ::-1]), True, "test")
+    np.testing.assert_array_equal(overlay("unrepaired"), before)
+    assert np.abs(overlay("depth").astype(int) - before).max() > 50
 
 
 def test_the_focus_overlay_is_green_where_it_is_sharp(client, opened, frames):

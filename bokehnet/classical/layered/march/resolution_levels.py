@@ -61,7 +61,7 @@ def levels_halo(radius: float) -> int:
 def layers_halo(radius: float) -> int:
     """Return the rows of layers around others, beyond twice the radius, that they depend on."""
     levels = _levels(radius)
-    choice = (_reach_blocks(2 * MIN_RADIUS_PX) + 1) * _BLOCK_PX * 2 ** (levels - 1) if levels else 0
+    choice = _reach_blocks(2 * MIN_RADIUS_PX) * _BLOCK_PX * 2 ** (levels - 1) if levels else 0
     return levels_halo(radius) + max(0, math.ceil(choice - radius))
 
 

@@ -66,6 +66,8 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "height": 40,
         "engine": "scatter",
         "focus_distance_m": None,
+        "focus_far_disparity": None,
+        "focus_far_distance_m": None,
         "repaired": None,
         "repair_reason": "",
         "pixel_filter": None,
@@ -132,6 +134,28 @@ def test_what_was_not_found_is_left_out():
     report = RenderReport(engine="rays", largest_blur=160.4)
     summary = FrameSummary(output="a.png", width=8, height=6, report=report, seconds={"render": 1.26})
     assert summary.line() == "a.png: 8x6, rays, blur up to 160 px, map unchanged, 1.3 s"
+
+
+@pytest.mark.parametrize(
+    ("focus", "words"),
+    [
+        ({"focus_disparity": 0.8, "focus_far_disparity": 0.65}, "sharp from 0.65 to 0.8,"),
+        ({"focus_disparity": 0.8, "focus_far_disparity": 0.8}, "focus at 0.8,"),
+        (
+            {"focus_disparity": 5e-4, "focus_far_disparity": 4e-4}
+            | {"focus_distance": 2.0, "focus_far_distance": 2.5},
+            "sharp from 2 to 2.5 m,",
+        ),
+    ],
+)
+def test_both_ends_of_a_range_are_reported(focus, words):
+    report = RenderReport(engine="rays", largest_blur=4, **focus)
+    assert words in FrameSummary(output="a.png", width=8, height=6, report=report, seconds={}).line()
+
+
+def test_a_focus_range_is_reported_with_both_ends(folder, cli):
+    outcome = cli(*METRIC, *CAMERA, "--focus-range", "2,2.5")
+    assert (outcome.code, "sharp from 2 to 2.5 m, blur up to " in outcome.err) == (0, True), outcome.err
 
 
 def test_zero_blur_is_printed_without_a_sign(folder, cli):
