@@ -32,6 +32,10 @@ class _Frames:
     settings: Sequence[RenderSettings]
 
     @property
+    def are_files(self) -> bool:
+        return False
+
+    @property
     def numbers(self) -> range:
         return range(len(self.settings))
 

@@ -61,9 +61,9 @@ _ITERATIONS = 2
 # edge.
 _FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE = 12, 2, 0.5
 
-# Maximum ratio of the squared residuals after and before a fit that takes edges for exact: 0.001 to 0.018 in
-# blurred maps, 0.03 to 0.19 in coarse ones. Uncertainty of the position of edges otherwise, pixels.
-_MAX_FIT_RESIDUAL, _FIT_POSITION_PX = 0.01, 1
+# Maximum ratio of the squared residuals after and before the fit: 0.001 to 0.01 in most blurred maps, 0.03 to
+# 0.19 in coarse ones and more where edges moved, so that their position explains the residuals.
+_MAX_FIT_RESIDUAL = 0.01
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
@@ -313,8 +313,7 @@ def fit_surface_values(
 
     Blur pulls the values of thin structures towards their background. Edges stay where they are: the mean
     residual of a surface, which blurring the map leaves, is added to it (van Cittert iteration on surfaces).
-    If large residuals remain, the edges are off by some fraction of a pixel. A blurred value then has no
-    residual if the input has it within one pixel.
+    If the fit does not explain nearly all residuals, edges are off, and the map stays as it is.
 
     Args:
         original: Input map, (H, W), float32.
@@ -330,26 +329,15 @@ def fit_surface_values(
     def squared_residual(values: np.ndarray) -> float:
         return float(np.square((original - blur_map(values, sigma))[mask]).sum())
 
-    exact = _fit_values(original, repaired, mask, sigma, 0)
-    if squared_residual(exact) <= _MAX_FIT_RESIDUAL * squared_residual(repaired):
-        return exact
-    return _fit_values(original, repaired, mask, sigma, _FIT_POSITION_PX)
-
-
-def _fit_values(
-    original: np.ndarray, repaired: np.ndarray, mask: np.ndarray, sigma: float, position_px: int
-) -> np.ndarray:
-    """Return a map (H, W) with fitted values in a mask; edges are uncertain by ``position_px``."""
-    low, high = local_extremes(original, position_px)
     lowest, highest = float(original.min()), float(original.max())
-    tolerance = _FIT_TOLERANCE * MIN_EDGE_HEIGHT * (highest - lowest)
+    tolerance, fitted = _FIT_TOLERANCE * MIN_EDGE_HEIGHT * (highest - lowest), repaired
     for _ in range(_FIT_ITERATIONS):
-        blurred, result = blur_map(repaired, sigma), np.empty_like(repaired)
-        residual = np.clip(blurred, low, high) - blurred
+        residual, result = original - blur_map(fitted, sigma), np.empty_like(fitted)
         with parallel_region:
-            _add_mean_residuals(residual, repaired, mask, _FIT_RADIUS_PX, tolerance, result)
-        repaired = np.clip(result, lowest, highest)
-    return repaired
+            _add_mean_residuals(residual, fitted, mask, _FIT_RADIUS_PX, tolerance, result)
+        fitted = np.clip(result, lowest, highest)
+    is_explained = squared_residual(fitted) <= _MAX_FIT_RESIDUAL * squared_residual(repaired)
+    return fitted if is_explained else repaired
 
 
 def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:

@@ -1,11 +1,10 @@
-"""March at the scale of the blur: where no detail would be lost, rays march through smaller layers.
+"""March at the scale of the blur: where everything is blurred, rays march through smaller layers.
 
-A surface that is blurred by r pixels shows no detail much finer than r, and a surface without fine detail
-looks the same at any size. Each halving of the size divides the number of pixels by four and the length of
-their rays by two. A pixel uses the next level unless a surface that can send light to it would lose visible
-detail there: an outline of a surface that is blurred by less than ``MIN_RADIUS_PX`` pixels of that level, or
-a texture whose amplitude, reduced by the blur, exceeds ``_MAX_ERROR``. A surface sends light no farther than
-its own blur radius.
+A surface that is blurred by r pixels shows no detail much finer than r. Each halving of the size divides the
+number of pixels by four and the length of their rays by two. A pixel uses the level at which the smallest
+blur radius of all surfaces that can send light to it is at least ``MIN_RADIUS_PX`` pixels of that level; the
+full size remains near what is in focus. A surface sends light no farther than its own blur radius, so a level
+is used everywhere except within its limit of a surface that is blurred less.
 
 Near the border between two levels both are marched, and blended linearly over a block of pixels. The choice
 depends on the surroundings of a pixel alone: strips of rows are rendered as in the whole picture.
@@ -24,9 +23,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.known_layers import Layers
-from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.march.defocus_bins import occupied_bins
-from bokehnet.classical.layered.march.intersection import HIDES_NOTHING, layer_cells
+from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.layer_reduction import half_layers, half_shape
 from bokehnet.classical.layered.march.ray_averages import window_halo
 from bokehnet.classical.layered.march.ray_marching import RaysJob, march
@@ -35,19 +33,16 @@ from bokehnet.kernels import njit
 
 __all__ = ["MAX_LEVELS", "MIN_RADIUS_PX", "layers_halo", "levels_halo", "march_levels"]
 
-# Blur radius, in pixels of a level, from which on surfaces may use it whatever they show. A disc of radius r
-# passes at most 2 J1(pi r) / (pi r) <= 1.6 / (pi r)^1.5 of the detail at the pixel frequency of the level:
-# 0.0195 at 6 pixels, so that detail of an amplitude of 0.2, which the level lacks, changes 1/255.
+# Smallest blur radius of any surface in reach, in pixels of a level, for which the level is used. A disc of
+# radius r passes at most 2 J1(pi r) / (pi r) <= 1.6 / (pi r)^1.5 of the detail at the pixel frequency of the
+# level: 0.0195 at 6 pixels, so that detail of an amplitude of 0.2, which the level lacks, changes 1/255.
 MIN_RADIUS_PX = 6.0
-
-# Maximum amplitude of the detail that a level may lose, in square roots of light.
-_MAX_ERROR = 1 / 255
 
 # Maximum number of halvings. A third one would merge surfaces whose defocus differs by up to 12 pixels.
 MAX_LEVELS = 2
 
-# Side of the square blocks of pixels that share a level, pixels of the larger size.
-_BLOCK_PX = 8
+# Side of the square blocks of pixels that share a level, pixels of the full size.
+_BLOCK_PX = 16
 
 
 def levels_halo(radius: float) -> int:
@@ -61,7 +56,7 @@ def levels_halo(radius: float) -> int:
 def layers_halo(radius: float) -> int:
     """Return the rows of layers around others, beyond twice the radius, that they depend on."""
     levels = _levels(radius)
-    choice = _reach_blocks(2 * MIN_RADIUS_PX) * _BLOCK_PX * 2 ** (levels - 1) if levels else 0
+    choice = _reach_blocks(levels) * _BLOCK_PX if levels else 0
     return levels_halo(radius) + max(0, math.ceil(choice - radius))
 
 
@@ -73,87 +68,23 @@ def _levels(radius: float) -> int:
     return levels
 
 
-def _reach_blocks(radius: float) -> int:
-    """Return the distance at which surfaces of a blur radius prevent a level, blocks.
-
-    One pixel is for the neighbours of their pixels, and one block for the interpolation.
-    """
-    return math.ceil((radius + 1) / _BLOCK_PX) + 1
-
-
-@njit(cache=True, forceinline=True)
-def _texture(colors, y, x, layer):
-    """Return the amplitude at the pixel frequency around a pixel of a layer, in square roots of light.
-
-    Half of the second difference is the error of a step that falls between two pixels of the next level.
-    """
-    height, width = colors.shape[:2]
-    up, down, left, right = max(y - 1, 0), min(y + 1, height - 1), max(x - 1, 0), min(x + 1, width - 1)
-    largest = np.float32(0.0)
-    for c in range(3):
-        own = colors[y, x, layer, c]
-        bend = max(
-            abs(colors[up, x, layer, c] - np.float32(2) * own + colors[down, x, layer, c]),
-            abs(colors[y, left, layer, c] - np.float32(2) * own + colors[y, right, layer, c]),
-        )
-        largest = max(largest, bend * bend / max(own, np.float32(1e-3)))
-    return np.float32(0.25) * math.sqrt(largest)
-
-
-@njit(cache=True, forceinline=True)
-def _lost_texture(texture, radius):
-    """Return the amplitude of a texture of the pixel frequency after a blur by ``radius`` pixels.
-
-    The next level, in whose pixels the blur is half as wide, lacks it.
-    """
-    left = 0.5 * math.pi * radius
-    return texture * min(1.6 / (left * math.sqrt(left) + 1e-9), 1.0)
-
-
-@njit(cache=True, forceinline=True)
-def _is_outline(cells, y, x, layer):
-    """Return whether a pixel of a layer is at an outline: translucent, or beside a farther surface."""
-    if cells[y, x, layer, 1] < 1.0:
-        return True
-    height, width = cells.shape[:2]
-    farthest = cells[y, x, layer, 0] - np.float32(DISCONTINUITY_THRESHOLD)
-    return (
-        cells[max(y - 1, 0), x, layer, 0] < farthest
-        or cells[min(y + 1, height - 1), x, layer, 0] < farthest
-        or cells[y, max(x - 1, 0), layer, 0] < farthest
-        or cells[y, min(x + 1, width - 1), layer, 0] < farthest
-    )
+def _reach_blocks(level: int) -> int:
+    """Return the distance at which sharp surfaces prevent a level, blocks; one more for interpolation."""
+    return math.ceil(MIN_RADIUS_PX * 2**level / _BLOCK_PX) + 1
 
 
 @njit(cache=True, parallel=True)
-def _largest_radii(colors, cells, read, min_radius, max_error, largest):
-    """Write the largest blur radius of the surfaces in each block that need the larger size; -1 without any.
-
-    Args:
-        colors: Colors of the layers, (H, W, L, 3).
-        cells: Cells of the layers, (H, W, L, 2).
-        read: Blocks to read, (rows, columns) bool; others count as without any.
-        min_radius: Blur radius of outlines that need no larger size, pixels.
-        max_error: Maximum amplitude of lost detail, in square roots of light.
-        largest: Output, (rows, columns) float32, pixels.
-    """
+def _smallest_radii(cells, block, smallest):
+    """Write the smallest blur radius of any layer in each block to ``smallest``, (rows, columns)."""
     height, width, layers = cells.shape[:3]
-    for row in prange(largest.shape[0]):
-        for column in range(largest.shape[1]):
-            most = np.float32(-1.0)
-            if read[row, column]:
-                for y in range(row * _BLOCK_PX, min(height, (row + 1) * _BLOCK_PX)):
-                    for x in range(column * _BLOCK_PX, min(width, (column + 1) * _BLOCK_PX)):
-                        for layer in range(layers):
-                            radius = abs(cells[y, x, layer, 0])
-                            if most < radius < min_radius and (
-                                _is_outline(cells, y, x, layer)
-                                or _lost_texture(_texture(colors, y, x, layer), radius) > max_error
-                            ):
-                                most = radius
-                            if cells[y, x, layer, 1] >= HIDES_NOTHING:
-                                break
-            largest[row, column] = most
+    for row in prange(smallest.shape[0]):
+        for column in range(smallest.shape[1]):
+            radius = np.float32(np.inf)
+            for y in range(row * block, min(height, (row + 1) * block)):
+                for x in range(column * block, min(width, (column + 1) * block)):
+                    for layer in range(layers):
+                        radius = min(radius, abs(cells[y, x, layer, 0]))
+            smallest[row, column] = radius
 
 
 def _dilated(mask: np.ndarray, reach: int) -> np.ndarray:
@@ -163,29 +94,20 @@ def _dilated(mask: np.ndarray, reach: int) -> np.ndarray:
     return dilated
 
 
-def _block_mask(mask: np.ndarray) -> np.ndarray:
-    """Return the blocks with a set pixel, (rows, columns) bool."""
-    rows, columns = (np.arange(0, side, _BLOCK_PX) for side in mask.shape)
-    blocks: np.ndarray = np.logical_or.reduceat(np.logical_or.reduceat(mask, rows, 0), columns, 1)
-    return blocks
-
-
-def _level_blocks(job: RaysJob) -> np.ndarray:
-    """Return the weight of the next level over this one in each block, (rows, columns) float32.
-
-    Only blocks near the pixels of the mask are set correctly.
-    """
-    radius = 2 * MIN_RADIUS_PX
-    read = _dilated(_block_mask(job.rays_mask), _reach_blocks(radius) + 1)
-    largest = np.empty(read.shape, np.float32)
+def _level_blocks(cells: np.ndarray) -> list[np.ndarray]:
+    """Return the weight of each level over the previous one in each block, (rows, columns) float32."""
+    height, width = cells.shape[:2]
+    smallest = np.empty((-(-height // _BLOCK_PX), -(-width // _BLOCK_PX)), np.float32)
     with parallel_region:
-        _largest_radii(job.colors, job.cells, read, radius, _MAX_ERROR, largest)
-    needs_size = np.zeros(read.shape, np.bool_)
-    least = -1.0
-    for most in (_BLOCK_PX - 1, radius):
-        needs_size |= _dilated((largest > least) & (largest <= most), _reach_blocks(most))
-        least = most
-    return (~needs_size).astype(np.float32)
+        _smallest_radii(cells, _BLOCK_PX, smallest)
+    weights: list[np.ndarray] = []
+    for level in range(1, MAX_LEVELS + 1):
+        is_sharp = smallest < MIN_RADIUS_PX * 2**level
+        is_sharp = _dilated(is_sharp, _reach_blocks(level))
+        if is_sharp.all():
+            break
+        weights.append((~is_sharp).astype(np.float32))
+    return weights
 
 
 @njit(cache=True, forceinline=True)
@@ -196,23 +118,26 @@ def _neighbors(position, size):
 
 
 @njit(cache=True, forceinline=True)
-def _weight_at(blocks, y, x):
-    """Return the weight of the next level at a pixel, interpolated between the blocks."""
-    top, bottom, down = _neighbors((y + 0.5) / _BLOCK_PX - 0.5, blocks.shape[0])
-    left, right, across = _neighbors((x + 0.5) / _BLOCK_PX - 0.5, blocks.shape[1])
+def _weight_at(blocks, y, x, grid):
+    """Return the weight of the next level at a pixel, interpolated between the blocks.
+
+    ``grid``: blocks per pixel, and position of the pixel 0, in blocks from the centre of the first block.
+    """
+    top, bottom, down = _neighbors(y * grid[0] + grid[1], blocks.shape[0])
+    left, right, across = _neighbors(x * grid[0] + grid[1], blocks.shape[1])
     upper = blocks[top, left] + across * (blocks[top, right] - blocks[top, left])
     lower = blocks[bottom, left] + across * (blocks[bottom, right] - blocks[bottom, left])
     return upper + down * (lower - upper)
 
 
 @njit(cache=True, parallel=True)
-def _divide(mask, blocks, own, other):
+def _divide(mask, blocks, grid, own, other):
     """Divide the pixels of a mask: ``own`` need this level, ``other`` the next one; both in a transition."""
     for y in prange(mask.shape[0]):
         for x in range(mask.shape[1]):
             own[y, x], other[y, x] = False, False
             if mask[y, x]:
-                weight = _weight_at(blocks, y, x)
+                weight = _weight_at(blocks, y, x, grid)
                 own[y, x], other[y, x] = weight < 1.0, weight > 0.0
 
 
@@ -237,7 +162,7 @@ def _halve(mask, colors, half_mask, half_colors):
 
 
 @njit(cache=True, parallel=True)
-def _join(blocks, mask, half, half_weight, result, disocclusion_weight):
+def _join(blocks, grid, mask, half, half_weight, result, disocclusion_weight):
     """Blend the next level, doubled, into ``result`` and ``disocclusion_weight`` within a mask.
 
     Doubling has the weights 1/8, 1, -1/8 along both axes: the mean of the halves of a pixel is the pixel, and
@@ -248,7 +173,7 @@ def _join(blocks, mask, half, half_weight, result, disocclusion_weight):
         for x in range(mask.shape[1]):
             if not mask[y, x]:
                 continue
-            weight = np.float32(_weight_at(blocks, y, x))
+            weight = np.float32(_weight_at(blocks, y, x, grid))
             left, across = x // 2, np.float32(0.125 if x % 2 == 0 else -0.125)
             for c in range(3):
                 above = half[top, left + 1, c] + across * (half[top, left, c] - half[top, left + 2, c])
@@ -270,12 +195,14 @@ class _Level:
     Attributes:
         job: Rays of this size.
         layers: Layers of this size.
-        smaller: Maximum number of smaller levels.
+        weights: Weights of each next level, from :func:`_level_blocks`.
+        grid: See :func:`_weight_at`.
     """
 
     job: RaysJob
     layers: Layers
-    smaller: int
+    weights: list[np.ndarray]
+    grid: tuple[float, float]
 
     def next(self, mask: np.ndarray) -> "_Level":
         """Return the level of half the size, with ``mask`` (h, w) as the pixels to render."""
@@ -297,7 +224,9 @@ class _Level:
                 height=-(-viewport.height // 2),
             ),
         )
-        return _Level(job=job, layers=layers, smaller=self.smaller - 1)
+        per_pixel, first = self.grid
+        grid = (2 * per_pixel, first - 1.5 * per_pixel)  # the centre of (y, x) is at 2 y - 1.5
+        return _Level(job=job, layers=layers, weights=self.weights[1:], grid=grid)
 
 
 def march_levels(
@@ -307,7 +236,7 @@ def march_levels(
     disocclusion_weight: np.ndarray,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """March rays at the size that blur and detail need; results as of ``march``.
+    """March rays at the size that the blur needs; results as of ``march``.
 
     Args:
         job: Layers, rays and a perfect lens.
@@ -316,7 +245,8 @@ def march_levels(
         disocclusion_weight: See there.
         progress: See there.
     """
-    level = _Level(job=job, layers=layers, smaller=_levels(job.radius))
+    grid = (1 / _BLOCK_PX, 0.5 / _BLOCK_PX - 0.5)
+    level = _Level(job=job, layers=layers, weights=_level_blocks(job.cells), grid=grid)
     _march_level(level, result, disocclusion_weight, progress)
 
 
@@ -328,16 +258,15 @@ def _march_level(
 ) -> None:
     """March the rays of a level, and of the smaller ones where those suffice."""
     mask = level.job.rays_mask
-    if level.smaller == 0:
+    if not level.weights:
         march(level.job, result, disocclusion_weight, progress=progress)
         return
-    blocks = _level_blocks(level.job)
     own, other = np.empty_like(mask), np.empty_like(mask)
     half_mask = np.empty(half_shape(*mask.shape), np.bool_)
     half_colors = np.zeros((*half_mask.shape, 3), np.float32)
     half_weight = np.zeros(half_mask.shape, np.float32)
     with parallel_region:
-        _divide(mask, blocks, own, other)
+        _divide(mask, level.weights[0], level.grid, own, other)
         _halve(other, result, half_mask, half_colors)
     has_other = bool(half_mask.any())
     if has_other:
@@ -345,4 +274,4 @@ def _march_level(
     march(replace(level.job, rays_mask=own), result, disocclusion_weight, progress=progress)
     if has_other:
         with parallel_region:
-            _join(blocks, other, half_colors, half_weight, result, disocclusion_weight)
+            _join(level.weights[0], level.grid, other, half_colors, half_weight, result, disocclusion_weight)

@@ -59,39 +59,6 @@ def test_pixels_near_what_is_in_focus_are_marched_at_the_full_size(monkeypatch, 
     np.testing.assert_array_equal(result[:, sharp], truth[:, sharp])
 
 
-def test_a_smooth_wall_in_focus_needs_no_full_size(monkeypatch):
-    """Halving loses nothing of a slope of light: within 1/255 of the mean of four draws at the full size."""
-    image, defocus = post_before_wall(60.0, 0.0)
-    slope = np.linspace(0.1, 0.6, SIDE, dtype=np.float32)[None, :, None]
-    wall = defocus == 0.0
-    image[wall] = np.broadcast_to(slope, image.shape)[wall]
-    truth = at_full_size(monkeypatch, image, defocus)
-    smaller = np.mean([rays(image, defocus, seed=seed) for seed in range(1, 5)], 0)
-    assert not np.array_equal(smaller, truth)
-    assert rms(smaller, truth) < 1 / 255
-
-
-@pytest.mark.parametrize(
-    ("amplitude", "radius", "is_lost"),
-    [(0.01, 0.0, True), (0.003, 0.0, False), (0.1, 4.0, True), (0.1, 9.0, False)],
-)
-def test_textures_that_would_be_lost_keep_the_larger_size(amplitude, radius, is_lost):
-    """Alternating columns of known amplitude, in square roots of light, against 1/255 after the blur.
-
-    Half the second difference is the amplitude; in pixels of half the size the disc leaves
-    1.6 / (pi radius / 2)^1.5 of it: 10 % at a radius of 4 pixels, 3.0 % at 9.
-    """
-    stripes = np.where(np.arange(32) % 2, 0.5 + amplitude / 2, 0.5 - amplitude / 2) ** 2
-    colors = np.broadcast_to(stripes[None, :, None, None], (32, 32, 1, 3)).astype(np.float32)
-    cells = np.ones((32, 32, 1, 2), np.float32) * np.float32([radius, 1.0])
-    largest = np.empty((4, 4), np.float32)
-    read = np.ones((4, 4), np.bool_)
-    resolution_levels._largest_radii(
-        np.ascontiguousarray(colors), cells, read, 2 * MIN_RADIUS_PX, resolution_levels._MAX_ERROR, largest
-    )
-    assert ((largest >= 0) == is_lost).all()
-
-
 def test_half_the_size_keeps_the_light_of_a_border_that_differs_from_the_picture(monkeypatch):
     """Rays that leave the picture read its border row, not the mean of the rows next to it."""
     image, defocus = post_before_wall(30.0, -30.0)
