@@ -61,6 +61,7 @@ class StoredMap:
         is_render: True for EXR files, as renderers write them.
         assumptions: Assumptions about the coding, a few words each.
         notes: Warnings, one line each.
+        name: Name of the map in messages.
 
     Examples:
         >>> half = StoredMap(values=np.full((1, 1), 0.5, np.float32), largest_integer=65535)
@@ -73,6 +74,7 @@ class StoredMap:
     is_render: bool = False
     assumptions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    name: str = "the map"
 
     @property
     def numbers(self) -> NDArray[np.float32]:

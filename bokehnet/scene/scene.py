@@ -77,6 +77,7 @@ class Scene:
         supersampled: Size of picture, map and window relative to the result: 1, 2 or 4.
         light_sums: Light of its clipped regions according to its shot, (regions, 3); None to estimate it
             from this picture alone. See :func:`bokehnet.light.temporal.steady_sums`.
+        extra_light: Known light above the stored one in clipped pixels, (H, W, 3); None to estimate it.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -96,6 +97,7 @@ class Scene:
     known: KnownSurfaces | None = None
     supersampled: int = 1
     light_sums: npt.NDArray[np.float64] | None = None
+    extra_light: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +13,18 @@ from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.deblur import snap_soft_edges
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import BokehnetError, ImageFileError
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.io.files.atomic import write_text
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.sequence.temporal_filter import REACH_FRAMES, FilteredFrame, FrameWindow
 
-__all__ = ["FilteredShot"]
+__all__ = ["FilteredShot", "MapRemarks"]
 
 Array = npt.NDArray[np.float32]
+
+# Assumptions about a map, and notes on it.
+MapRemarks = tuple[tuple[str, ...], tuple[str, ...]]
 
 # Sharpness of the edges is measured in frames whose number is a multiple of this; edges count as sharp up to
 # this fraction of soft edge pixels.
@@ -62,6 +65,7 @@ class FilteredShot:
         progress: Progress | None = None,
         *,
         selected: Collection[int] | None = None,
+        remarks: Mapping[int, MapRemarks] | None = None,
     ) -> None:
         """Read all frames once and store their filtered maps; does nothing if they exist.
 
@@ -71,9 +75,10 @@ class FilteredShot:
             numbers: Number of each frame, ascending; differences are distances in time.
             progress: Called with (steps done, total steps).
             selected: Numbers of the frames that get a map. Default: all.
+            remarks: Remarks on the unfiltered map of each frame, by number; read after the last frame.
 
         Raises:
-            ImageFileError: The folder cannot be written.
+            BokehnetError: The folder cannot be written, or reading the frames fails.
         """
         if self.is_done:
             return
@@ -90,7 +95,10 @@ class FilteredShot:
                     np.save(self._file(filtered.number), filtered.values)
                     count += 1
             report(len(numbers), len(numbers))
-            write_text(self.folder / _DONE_FILE, json.dumps({"frames": count}))
+            kept = {number: remarks[number] for number in chosen if remarks and number in remarks}
+            write_text(self.folder / _DONE_FILE, json.dumps({"frames": count, "remarks": kept}))
+        except BokehnetError:  # some are also OSError
+            raise
         except OSError as error:
             reason = error.strerror or str(error)
             raise ImageFileError(f"{self.folder}: steady maps cannot be stored there: {reason}") from error
@@ -112,6 +120,12 @@ class FilteredShot:
                 f"{self._file(number)}: expected a map of the shot, found none; start again"
             ) from error
         return values
+
+    def remarks(self, number: int) -> MapRemarks:
+        """Return the remarks on the unfiltered map of a frame."""
+        table = json.loads((self.folder / _DONE_FILE).read_text(encoding="utf-8"))
+        assumptions, notes = table.get("remarks", {}).get(str(number), ((), ()))
+        return tuple(assumptions), tuple(notes)
 
     def _filtered(
         self, frames: Iterable[tuple[Array, Array] | None], numbers: Sequence[int], chosen: Collection[int]

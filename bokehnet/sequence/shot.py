@@ -19,7 +19,7 @@ from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, depth_source
 from bokehnet.scene.preparation.recovered_light import frame_light, is_photograph
 from bokehnet.scene.scene import Scene, map_at_picture_size
-from bokehnet.sequence.filtered_shot import FilteredShot
+from bokehnet.sequence.filtered_shot import FilteredShot, MapRemarks
 from bokehnet.sequence.temporal_filter import REACH_FRAMES
 from bokehnet.settings.settings import RenderSettings
 
@@ -108,8 +108,15 @@ class FilteredDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        camera = photo.camera if self.kind == "metric" else None
-        return DepthMap(values=self.shot.read(self.number), kind=self.kind, origin=self.origin, camera=camera)
+        assumptions, notes = self.shot.remarks(self.number)
+        return DepthMap(
+            values=self.shot.read(self.number),
+            kind=self.kind,
+            origin=self.origin,
+            camera=photo.camera if self.kind == "metric" else None,
+            notes=notes,
+            assumptions=assumptions,
+        )
 
 
 class ShotFrames(Protocol):
@@ -220,8 +227,14 @@ def analyse_shot(
     near = _frames_within_reach(frames)
     numbers, lights = [frames.numbers[index] for index in near], dict[int, FrameLight | None]()
     if maps is not None and not maps.is_done:
-        progress = begin("steadying the maps")
-        maps.filter(_frames_with_maps(frames, near, lights), numbers, progress, selected=frames.selected)
+        remarks: dict[int, MapRemarks] = {}
+        maps.filter(
+            _frames_with_maps(frames, near, lights, remarks),
+            numbers,
+            begin("steadying the maps"),
+            selected=frames.selected,
+            remarks=remarks,
+        )
     light = _light(frames, near, lights, folder, begin)
     shot = Shot(
         steady=maps,
@@ -319,7 +332,7 @@ def _light(
         return {int(key): np.array(sums, np.float64).reshape(-1, 3) for key, sums in table.items()}
     if not lights and _has_light(frames, indices):
         progress = begin("measuring clipped light")
-        for done, _ in enumerate(_frames_with_maps(frames, indices, lights)):
+        for done, _ in enumerate(_frames_with_maps(frames, indices, lights, {})):
             progress(done + 1, len(indices))
     light = steady_sums(lights, frames.selected)
     if file is not None and lights:
@@ -338,15 +351,22 @@ def _has_light(frames: ShotFrames, indices: Sequence[int]) -> bool:
 
 
 def _frames_with_maps(
-    frames: ShotFrames, indices: Sequence[int], lights: dict[int, FrameLight | None]
+    frames: ShotFrames,
+    indices: Sequence[int],
+    lights: dict[int, FrameLight | None],
+    remarks: dict[int, MapRemarks],
 ) -> Iterator[tuple[Array, Array] | None]:
-    """Yield pictures and maps of frames, None for unreadable ones, and measure their clipped light."""
+    """Yield pictures and maps of frames, None for unreadable ones.
+
+    Fills ``lights`` with their clipped light and ``remarks`` with the remarks on their maps, by number.
+    """
     for index, scene in zip(indices, frames.scenes(indices, Shot()), strict=True):
         try:
             frame = None
             if scene is not None:
                 settings = frames.settings_of(index)
                 frame = scene.image, map_at_picture_size(scene, settings.depth)
+                remarks[frames.numbers[index]] = scene.depth.assumptions, scene.depth.notes
                 if settings.highlights.threshold == "auto":
                     lights[frames.numbers[index]] = frame_light(scene, frame[1], settings.input)
         except BokehnetError:  # reported when the frame is rendered

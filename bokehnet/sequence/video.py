@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.errors import ParameterError
 from bokehnet.io.files.atomic import check_target
+from bokehnet.io.maps import StoredMap
 from bokehnet.io.video.display_matrix import DisplayMatrix
 from bokehnet.io.video.frames import (
     VIDEO_EXTENSIONS,
@@ -49,7 +50,7 @@ Array = npt.NDArray[np.float32]
 # Frames of a segment, the most that an interruption loses.
 SEGMENT_FRAMES = 24
 
-_MAP_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".pfm", ".jpg", ".jpeg", ".webp")
+_MAP_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".pfm", ".npy", ".npz", ".jpg", ".jpeg", ".webp")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -305,15 +306,7 @@ class VideoJob:
             settings = settings_at_frame(self._unpulled(index), index + 1)
             source = shot.source(index, settings) or network
             if luma is not None:
-                reading = settings.depth
-                source = RelativeDisparity(
-                    map=luma,
-                    invert=reading.invert,
-                    value_range=reading.value_range,
-                    as_stored=True,
-                    no_data=reading.no_data,
-                    holes=reading.holes,
-                )
+                source = luma
             elif source is None:
                 source = open_source(settings)
                 network = source if isinstance(source, NetworkDepth) else None
@@ -330,8 +323,8 @@ class VideoJob:
         depth = replace(self.settings.depth, as_stored=True)
         return replace(self.settings, input=inputs, depth=depth)
 
-    def _lumas(self, first: int) -> Iterator[Array] | None:
-        """Yield the maps of a depth video, from a frame on; None if the maps are no video."""
+    def _lumas(self, first: int) -> Iterator[RelativeDisparity] | None:
+        """Yield the sources of the maps of a depth video, from a frame on; None if the maps are no video."""
         disparity = self.settings.input.disparity
         if disparity is None or not is_video(disparity):
             return None
@@ -342,7 +335,18 @@ class VideoJob:
                 expected=f"as many frames as {self.info.path} has, {self.count}",
                 shown=f"{len(info.times)} in {disparity}",
             )
-        return read_luma(info, first)
+        reading, largest = self.settings.depth, 2**info.bits - 1
+        return (
+            RelativeDisparity(
+                map=StoredMap(values=luma, largest_integer=largest, name=f"{disparity}: frame {number}"),
+                invert=reading.invert,
+                value_range=reading.value_range,
+                as_stored=True,
+                no_data=reading.no_data,
+                holes=reading.holes,
+            )
+            for number, luma in enumerate(read_luma(info, first), first + 1)
+        )
 
     def _can_filter_maps(self) -> bool:
         inputs = self.settings.input

@@ -286,7 +286,7 @@ class Opened:
 
         Args:
             size: Width and height, pixels.
-            settings: Settings with the focus, for strokes that keep areas sharp, and the strength of light.
+            settings: Settings with the focus, for strokes that keep areas sharp.
             region: Region at full size; ``size`` is then ignored.
         """
         window = self.scene.window
@@ -315,14 +315,15 @@ class Opened:
                 width=image.shape[1],
                 height=image.shape[0],
             )
-        if light is not None and settings.highlights.threshold == "auto":
-            image = image + np.float32(settings.highlights.strength) * light
+        if light is not None:
+            light = np.ascontiguousarray(light)
         if region is None and any(stroke.effect == "sharp" for stroke in self.strokes):
             sharp = [stroke for stroke in self.strokes if stroke.effect == "sharp"]
             values = painted(values, image, sharp, self.focus_of(settings))
         if self.scene.depth.kind == "defocus" and factor != 1:
             values = values * np.float32(factor)
-        return Scene(image=image, depth=replace(self.scene.depth, values=values, notes=()), window=place)
+        depth = replace(self.scene.depth, values=values, notes=())
+        return Scene(image=image, depth=depth, window=place, extra_light=light)
 
     def painted_map(self, settings: RenderSettings) -> Array:
         """Return the map (H, W) of the whole picture with all strokes."""

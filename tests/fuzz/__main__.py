@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def run_files(folder: Path, max_seconds: float) -> Counter[str]:
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         partners = Path(name)
-        _check(attempt(lambda: write_partners(partners) or 0, 60), "partners")
+        _check(attempt(partial(write_partners, partners), 60), "partners")
         for path in sorted(folder.rglob("*")):
             for task in commands(path, partners) if path.is_file() else ():
                 result = attempt(task, max_seconds)
@@ -46,7 +47,7 @@ def fuzz(minutes: float, seed: int, actual: Path | None) -> Counter[str]:
     with tempfile.TemporaryDirectory() as name:
         partners, folder = Path(name, "partners"), Path(name, "seeds")
         partners.mkdir()
-        _check(attempt(lambda: write_partners(partners) or 0, 60), "partners")
+        _check(attempt(partial(write_partners, partners), 60), "partners")
         _check(attempt(lambda: len(write_seeds(folder)) * 0, 120), "seeds")
         paths, texts = sorted(path for path in folder.iterdir() if path.is_file()), list(text_requests())
         by_suffix: dict[str, list[Path]] = {}
@@ -66,7 +67,7 @@ def fuzz(minutes: float, seed: int, actual: Path | None) -> Counter[str]:
             if rng.random() < 0.05:
                 text = mutated(texts[int(rng.integers(len(texts)))].encode(), ".json", rng)
                 result, kept, label = (
-                    attempt(lambda text=text: check_request_text(text)),
+                    attempt(partial(check_request_text, text)),
                     text,
                     "request.json",
                 )

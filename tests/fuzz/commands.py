@@ -34,8 +34,8 @@ _RELATIVE = ["--blur", "4", "--focus", "0.4", "--resize-disparity"]
 _METRIC = ["--focal-length", "50", "--f-number", "2", "--sensor-width", "36", "--focus-distance", "2"]
 
 
-def write_partners(folder: Path) -> None:
-    """Write the intact picture, map and lens that the commands combine with the file."""
+def write_partners(folder: Path) -> int:
+    """Write the intact picture, map and lens that the commands combine with the file; return exit code 0."""
     from bokehnet.io.image import write_image, write_map
     from bokehnet.lenses.catalog import find_prescription
     from bokehnet.lenses.prescription_toml import prescription_toml
@@ -44,6 +44,7 @@ def write_partners(folder: Path) -> None:
     write_image(folder / "partner.png", rng.random((20, 24, 3), dtype=np.float32))
     write_map(folder / "partner_map.png", np.linspace(0, 1, 20 * 24).reshape(20, 24))
     (folder / "partner.toml").write_text(prescription_toml(find_prescription("biconvex")))
+    return 0
 
 
 def commands(path: Path, partners: Path) -> list[Callable[[], int]]:

@@ -129,6 +129,7 @@ def _scans(folder: Path) -> None:
         spec.attribute("oiio:BitsPerSample", bits)
         spec.attribute("dpx:Transfer", transfer)
         output = oiio.ImageOutput.create("scan.dpx")
+        assert output is not None, oiio.geterror()
         output.open(str(folder / f"scan{bits}.dpx"), spec)
         output.write_image(rng.random((20, 24, 3), np.float32))
         output.close()
@@ -188,6 +189,7 @@ def _videos(folder: Path) -> None:
     ):
         with av.open(str(folder / name), "w") as container:
             stream = container.add_stream(codec, rate=25)
+            assert isinstance(stream, av.VideoStream)
             stream.width, stream.height, stream.pix_fmt = 32, 24, pixels
             for number in range(3):
                 values = np.full((24, 32, 3), 40 * number, np.uint8)

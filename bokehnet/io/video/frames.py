@@ -183,7 +183,9 @@ def _end_note(path: Path | str, container: Any, packets: list[Any], stream: Any)
     if container.duration is None:
         return ()
     end = max(float((packet.pts + (packet.duration or 0)) * packet.time_base) for packet in packets)
-    missing = ((container.start_time or 0) + container.duration) / _MICROSECONDS - end
+    # Matroska's header holds the time of the end, that of others the time between start and end.
+    start = 0 if container.format.name.startswith("matroska") else container.start_time or 0
+    missing = (start + container.duration) / _MICROSECONDS - end
     if missing < _MAX_MISSING_FRAMES / float(stream.average_rate or 25):
         return ()
     return (f"{path}: ends {missing:.2f} s before the duration in its header; it may be cut off",)

@@ -17,6 +17,7 @@ from bokehnet.io.maps import StoredMap, depth_to_mm, read_map, read_stored_map
 from bokehnet.io.metadata.camera import Camera, camera_from_exr
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.window import Window
+from bokehnet.scene.black_bars import find_black_bars
 from bokehnet.scene.camera import merged_camera
 from bokehnet.scene.depth.depth_geometry import disparity_between_planes, planar_factor
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
@@ -40,7 +41,7 @@ class RelativeDisparity:
     """Relative disparity, near is large, as from monocular networks and stereo.
 
     Attributes:
-        map: File or array (h, w).
+        map: File, array (h, w), or map as read from a file.
         channel: Channel of a file; None detects it.
         invert: True if far is large: uses ``1 - value`` after normalisation.
         value_range: Values that map to 0 and 1; None uses the lowest and the highest.
@@ -63,7 +64,7 @@ class RelativeDisparity:
     kind: ClassVar[Kind | None] = "relative"
     tells_focus: ClassVar[bool] = False
 
-    map: Path | str | npt.NDArray[np.floating]
+    map: Path | str | StoredMap | npt.NDArray[np.floating]
     channel: str | None = None
     invert: bool = False
     value_range: tuple[float, float] | None = None
@@ -81,8 +82,9 @@ class RelativeDisparity:
         )
         values, assumptions, notes = _filled(stored.values, missing, photo, self.holes, stored, self.map)
         if not (self.as_stored or self.value_range is not None):
-            notes = (*notes, *_range_warnings(values))
-            values = _normalised(values)
+            shown = _between_bars(values, photo.image)
+            notes = (*notes, *_range_warnings(shown))
+            values = _normalised(values, float(shown.min()), float(shown.max()))
         if self.value_range is not None:
             low, high = self.value_range
             if not (math.isfinite(low) and math.isfinite(high) and low != high):
@@ -122,15 +124,22 @@ def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
     return ()
 
 
-def _normalised(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Return a map normalised to 0 to 1; a constant map keeps its value, clipped."""
-    low, high = float(values.min()), float(values.max())
+def _between_bars(values: npt.NDArray[np.float32], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the part of a map between the black bars of its picture, whose depth means nothing."""
+    bars = find_black_bars(image) if values.shape == image.shape[:2] else None
+    return values if bars is None else bars.inside(values)
+
+
+def _normalised(values: npt.NDArray[np.floating], low: float, high: float) -> npt.NDArray[np.float32]:
+    """Return a map with ``low`` and ``high`` at 0 and 1, clipped; a constant map keeps its value."""
     if low == high:
         return np.clip(values, 0, 1).astype(np.float32)
-    stretched: npt.NDArray[np.float32] = in_row_blocks(
-        lambda rows: ((rows.astype(np.float64) - low) / (high - low)).astype(np.float32), values
-    )
-    return stretched
+
+    def stretched(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+        return np.clip((rows.astype(np.float64) - low) / (high - low), 0, 1).astype(np.float32)
+
+    result: npt.NDArray[np.float32] = in_row_blocks(stretched, values)
+    return result
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -265,13 +274,15 @@ class MetricDepth:
 
 def _stored(
     quantity: str,
-    source: Path | str | npt.NDArray[np.floating],
+    source: Path | str | StoredMap | npt.NDArray[np.floating],
     channel: str | None,
     coding: str,
     holes: Holes | None,
     photo: Photo,
 ) -> StoredMap:
     """Return the stored map of a file or an array."""
+    if isinstance(source, StoredMap):
+        return source
     if not isinstance(source, np.ndarray):
         return read_stored_map(source, channel, coding=coding, window=photo.window, progress=photo.progress)
     if quantity == "disparity" and holes is None:
@@ -285,7 +296,7 @@ def _filled(
     photo: Photo,
     holes: Holes | None,
     stored: StoredMap,
-    source: Path | str | npt.NDArray[np.floating],
+    source: Path | str | StoredMap | npt.NDArray[np.floating],
 ) -> tuple[npt.NDArray[np.float32], tuple[str, ...], tuple[str, ...]]:
     """Return a map without missing values, words for the summary, and notes.
 
@@ -297,7 +308,9 @@ def _filled(
     return filled_map(values, missing, photo.image, holes or default, _name_of(source, "the map"))
 
 
-def _name_of(source: Path | str | npt.NDArray[np.floating], otherwise: str) -> str:
+def _name_of(source: Path | str | StoredMap | npt.NDArray[np.floating], otherwise: str) -> str:
+    if isinstance(source, StoredMap):
+        return source.name
     return otherwise if isinstance(source, np.ndarray) else str(source)
 
 
@@ -384,7 +397,7 @@ class DefocusMap:
 
 def _check_source(name: str, source: object) -> None:
     """Raise unless a map is a file or an array (h, w)."""
-    check_kind(name, source, Path, str, np.ndarray)
+    check_kind(name, source, Path, str, np.ndarray, StoredMap)
     if isinstance(source, np.ndarray):
         check_rank(name, source, 2, "(h, w)")
         if source.dtype.kind not in "fiub":

@@ -64,6 +64,9 @@ class _Map(NamedTuple):
     plan: RepairPlan | None = None
 
 
+# Deviation of the width of a panorama from twice its height, fraction of the width.
+_MAX_PANORAMA_ERROR = 0.01
+
 # Blur radii from which recovered light is used, partly and altogether, pixels.
 _RECOVERED_RADII_PX = 0.5, 2.0
 
@@ -158,6 +161,7 @@ def _prepare_picture(
             image=bars.inside(scene.image),
             depth=replace(scene.depth, values=bars.inside(map_at_picture_size(scene, settings.depth))),
             window=bars.window_inside(scene.window),
+            extra_light=None if scene.extra_light is None else bars.inside(scene.extra_light),
         )
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
@@ -187,7 +191,8 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
-    sums = None if scene.light_sums is None else array_digest(scene.light_sums)
+    known_light = scene.light_sums if scene.extra_light is None else scene.extra_light
+    sums = None if known_light is None else array_digest(known_light)
     light = cache.get(
         ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
         lambda: recovered_light(scene, final.values, settings.highlights, bars),
@@ -277,7 +282,7 @@ def _focus_picture(picture: _Picture, settings: RenderSettings) -> FocusedScene:
         repair_reason=picture.map.reason,
         repair_plan=picture.map.plan,
         pixel_filter=choice,
-        notes=notes,
+        notes=(*notes, *_projection_notes(settings.input, image)),
         known=known,
         supersampled=scene.supersampled,
         layers=focused_layers(scene.depth.layers, lens),
@@ -327,6 +332,17 @@ def _words_of(bars: BlackBars | None) -> tuple[str, ...]:
     names = ("top", "bottom", "left", "right")
     widths = ", ".join(f"{name} {width}" for name in names if (width := getattr(bars, name)))
     return (f"black bars kept ({widths} px)",)
+
+
+def _projection_notes(settings: InputSettings, image: Array) -> tuple[str, ...]:
+    """Return a warning about a panorama that cannot span 360 x 180 degrees."""
+    height, width = image.shape[:2]
+    if settings.projection == "flat" or abs(width - 2 * height) <= _MAX_PANORAMA_ERROR * width:
+        return ()
+    return (
+        f"a panorama of 360 x 180 degrees is twice as wide as high, this one has {width}x{height} pixels: "
+        "its poles or its seam lie elsewhere; extend the picture to 2:1, or leave out `input.projection`",
+    )
 
 
 def _words_of_layout(settings: InputSettings) -> tuple[str, ...]:

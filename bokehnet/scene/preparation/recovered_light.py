@@ -35,6 +35,8 @@ def recovered_light(
         True
     """
     frame = scene.frame
+    if highlights.threshold == "auto" and scene.extra_light is not None:
+        return RecoveredLight.of(scene.image, scene.image + scene.extra_light, 1.0, highlights.strength)
     if highlights.threshold != "auto" or not is_photograph(scene) or frame is None:
         return RecoveredLight(image=scene.image)
     if frame.gain_map is not None:

@@ -135,8 +135,9 @@ def _confidence(opened: Opened, settings: RenderSettings, size: tuple[int, int])
 
 def _light(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Return the places of estimated light, black elsewhere."""
-    dark = settings.updated({"highlights": {"threshold": "off", "strength": 1.0, "gain": None}})
-    extra = (opened.view(size, settings).image - opened.view(size, dark).image).max(axis=-1)
+    light = opened.view(size, settings).extra_light if settings.highlights.threshold == "auto" else None
+    extra = np.zeros(size[::-1], np.float32) if light is None else light.max(axis=-1)
+    extra = extra * np.float32(settings.highlights.strength)
     result = np.zeros((*extra.shape, 4), np.uint8)
     result[..., :3] = _LIGHT
     density = np.clip(np.log2(1 + np.maximum(extra, 0)) / np.log2(1 + _FULL_LIGHT), 0, 1)

@@ -52,6 +52,24 @@ def letterbox():
     return image
 
 
+@pytest.mark.parametrize("depth_of_bars", [0, 90, 255])
+def test_the_depth_of_bars_does_not_stretch_that_of_the_picture(renderer, depth_of_bars):
+    """Authority: the render of picture and map that were cropped first."""
+    near = np.tile(np.linspace(60, 190, WIDTH, dtype=np.float32), (HEIGHT, 1))
+    near[:12] = near[-11:] = depth_of_bars
+    blurred = RenderSettings().updated({"camera": {"blur": RADIUS}, "focus": {"value": 0.3}})
+    result = renderer.render(make_scene(letterbox(), RelativeDisparity(map=near)), blurred)
+    alone = renderer.render(make_scene(SOFT[12:-11], RelativeDisparity(map=near[12:-11])), blurred)
+    assert_array_equal(result.bokeh[12:-11], alone.bokeh)
+
+
+@pytest.mark.parametrize(("width", "warnings"), [(WIDTH, 0), (WIDTH - 40, 1)])
+def test_a_panorama_that_is_not_twice_as_wide_as_high_is_noted(renderer, width, warnings):
+    """Authority: 360 over 180 degrees."""
+    report = rendered(renderer, SOFT[:, :width], input={"projection": "equirect"}).report
+    assert len([note for note in report.notes if "360 x 180 degrees" in note]) == warnings
+
+
 def test_bars_stay_black_and_the_picture_next_to_them_is_that_without_bars(renderer):
     """Authority: the render of the picture that was cropped first."""
     result = rendered(renderer, letterbox())
@@ -69,7 +87,7 @@ def test_the_focus_is_a_pixel_of_the_whole_picture(renderer):
     result = renderer.render(
         scene, RenderSettings().updated({"camera": {"blur": 4}, "focus": {"at": (80, 40)}})
     )
-    assert result.report.focus_disparity == pytest.approx(values[40, 80])
+    assert result.report.focus_disparity == pytest.approx((40 - 12) / (HEIGHT - 11 - 1 - 12))
 
 
 def pillarbox():

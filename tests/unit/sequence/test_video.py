@@ -465,3 +465,21 @@ def test_an_inverted_video_map_is_nearest_where_it_is_dark(tmp_path):
         pictures.append(next(read_video(video_info(tmp_path / "out.mkv"))))
         (tmp_path / "out.mkv").unlink()
     np.testing.assert_allclose(*pictures, atol=2e-3)
+
+
+def test_what_was_filled_before_the_filter_over_time_stands_in_the_summary(tmp_path, capsys):
+    """Authority: the number of marked pixels, 12 x 14 of 32 x 48, and the message of a still map."""
+    texture = np.random.default_rng(0).integers(20, 200, (32, 48))
+    depth_map = np.full((32, 48), 120)
+    depth_map[8:20, 10:24] = 255
+    grey_clip(tmp_path / "maps.mkv", [depth_map] * 3)
+    words = [*map_words(tmp_path, "--no-data", "255", "--focus", "0.2"), "--steady", "on"]
+    grey_clip(tmp_path / "clip.mkv", [texture] * 3)
+    assert run(words) == 0
+    error = capsys.readouterr().err
+    assert "maps.mkv: frame 1: no data at 168 pixels" in error
+    assert "assumed: bright is near; 11 % of the map without data filled" in error
+    (tmp_path / "out.mkv").unlink()
+    assert run([*words, "--holes", "error"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"bokehnet: error: {tmp_path / 'maps.mkv'}: frame 1: no data at 168 pixels")

@@ -54,6 +54,8 @@ def opened(session, files) -> Session:
         "depth": {"repair": "off"},
     }
     session.open(files / "photo.png", RenderSettings().updated(reports))
+    while session.jobs["light"]["state"] == "running":  # its estimate changes the picture
+        time.sleep(0.01)
     return session
 
 

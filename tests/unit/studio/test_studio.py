@@ -302,6 +302,8 @@ def test_a_session_is_saved_and_reopened(client, opened, frames):
     client.post("api/undo")
     state = client.post("api/reopen", content=saved).json()
     assert (state["strokes"], state["settings"]["aperture"]) == (1, {"blades": 5})
+    while client.get("api/state").json()["jobs"]["light"]["state"] == "running":
+        time.sleep(0.01)
     assert (frames(client.post("api/preview", json=ASKED).content)[-1][1] == before).all()
 
 

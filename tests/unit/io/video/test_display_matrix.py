@@ -134,6 +134,13 @@ def test_a_file_that_was_cut_off_is_noted(tmp_path):
     assert "before the duration in its header; it may be cut off" in note
 
 
+def test_a_late_start_is_no_missing_end(tmp_path):
+    """Authority: the muxer, which wrote the whole file; Matroska's duration counts from time zero."""
+    write(tmp_path / "late.mkv", frames=3, start=120)
+    write(tmp_path / "late.mp4", codec="libx264", pixels="yuv420p", frames=3, start=120)
+    assert [video_info(tmp_path / name).notes for name in ("late.mkv", "late.mp4")] == [(), ()]
+
+
 def test_a_still_video_has_no_transformation(tmp_path):
     write(tmp_path / "clip.mkv")
     assert video_info(tmp_path / "clip.mkv").display == IDENTITY
