@@ -20,21 +20,23 @@ from benchmarks.figures import write_figures
 from bokehnet.scenes.preview import ScenePreview, View
 
 _COMMAND = "python -m benchmarks.experiments.programs.scene_preview --figures docs/figures"
-_CONDITIONS = "drafts of 320x213 pixels; pictures a second and milliseconds on the page in Chromium"
+_CONDITIONS = "drafts of 256x171 pixels; pictures a second and milliseconds on the page in Chromium"
 _COLUMNS = {
     "rate": ("pictures a second in an orbit", ".1f"),
     "focus": ("ms from focus to picture", ".0f"),
     "draft": ("processor ms of a draft", ".0f"),
 }
 _SCENES = ("configs/scene_balls.toml", "configs/scene_cards.toml")
-_ORBIT_SECONDS, _CHANGES = 5.0, 9
+_ORBIT_SECONDS, _CHANGES, _DRAFT_PX = 5.0, 9, 256
 
 
 def _draft_milliseconds(scene: str) -> float:
     preview = ScenePreview(scene)
     lens, times = preview.lens, []
     for number in range(6):
-        view = View(lens=replace(lens, focus_distance=1 + 0.1 * number), azimuth=5.0 * number)
+        view = View(
+            lens=replace(lens, focus_distance=1 + 0.1 * number), azimuth=5.0 * number, width=_DRAFT_PX
+        )
         start = process_time()
         preview.draft(view)
         times.append(1000 * (process_time() - start))

@@ -2,7 +2,7 @@
 
 import { frames, get } from "./api.js";
 
-const DRAFT_WIDTH = 320, MAX_WIDTH = 640, DEGREES_PER_PX = 0.35, CLICK_PX = 4, FOCUS_STEP = 1.04;
+const DRAFT_WIDTH = 256, MAX_WIDTH = 640, DEGREES_PER_PX = 0.35, CLICK_PX = 4, FOCUS_STEP = 1.04;
 const element = (id) => document.getElementById(id);
 const canvas = element("result"), stage = element("stage");
 
