@@ -16,6 +16,7 @@ from bokehnet.classical import error_map
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.layered.background.occluded_background import occluded_background
 from bokehnet.classical.layered.depth_discontinuities import _discontinuity_sides
+from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.precompiled import library, machine
 from bokehnet.precompiled.arguments import describe, flatten
@@ -70,6 +71,15 @@ def test_any_number_of_occluded_pixels_runs_precompiled(many, monkeypatch):
     defocus[8:16, 8:16] = 6
     expected[8, 8 : 8 + many] = True
     occluded_background(image, defocus, inpainted=expected)
+    assert results == []
+
+
+@packed
+def test_a_picture_of_any_strides_is_split_precompiled(monkeypatch):
+    results = []
+    monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: results.append(self.name)))
+    image, defocus = scene()
+    split_layers(image.transpose(1, 0, 2), defocus.T)
     assert results == []
 
 
