@@ -19,7 +19,8 @@ from bokehnet.lenses import catalog_names
 from bokehnet.raytrace.camera import Camera, Pose
 from bokehnet.raytrace.draft import draft_light
 from bokehnet.raytrace.tracer import Tracer, lens_rays
-from bokehnet.scenes.reader import read_camera, read_scene
+from bokehnet.scenes.mesh_scene import mesh_scene
+from bokehnet.scenes.reader import read_camera, read_scene_table
 from bokehnet.scenes.tables import LensTable, SceneTable
 
 __all__ = ["ScenePreview", "View"]
@@ -71,7 +72,7 @@ class ScenePreview:
     """Scene file opened for a preview.
 
     Args:
-        path: Scene file, TOML; see :mod:`bokehnet.scenes.tables`.
+        path: Scene file, TOML; see :mod:`bokehnet.scenes.tables`. Or a mesh file; see :func:`mesh_scene`.
 
     Raises:
         ConfigError: Anything in the scene is wrong.
@@ -80,8 +81,9 @@ class ScenePreview:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self._table = load_config(self.path, SceneTable)
-        self._job = read_scene(self.path)
+        is_mesh = self.path.suffix.lower() != ".toml"
+        self._table = mesh_scene(self.path) if is_mesh else load_config(self.path, SceneTable)
+        self._job = read_scene_table(self.path, self._table)
         self._camera_of = lru_cache(_CACHED_CAMERAS)(self._make_camera)
         self._pivot = self._pivot_distance()
 
