@@ -41,6 +41,14 @@ class LightConfig:
         fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
             which it is.
         fill: The same elsewhere.
+        shading: Mean radiance of the clipped pixels of a layer, according to its unclipped ones, up to which
+            they are matter, and from which they can be light, with a hard clip and with a shoulder.
+        clutter: Fraction of a layer that is unclipped for other reasons than shading, in the farthest layer
+            and elsewhere.
+        cell: Side of the cells that measure shading, fraction of the diagonal, if that is more than
+            ``cell_px``.
+        cell_px: The same, pixels.
+        even_light: Maximum standard deviation of a cell that measures shading, relative to its mean.
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
         color_power: Exponent of the colour of the bright pixels around a large light.
         far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
@@ -111,6 +119,11 @@ class LightConfig:
     min_weight: float = 0.1
     fill_far: tuple[float, float] = (0.35, 0.5)
     fill: tuple[float, float] = (0.8, 0.93)
+    shading: tuple[tuple[float, float], tuple[float, float]] = ((1.3, 1.8), (1.1, 1.4))
+    clutter: tuple[float, float] = (0.1, 0.0)
+    cell: float = 0.005
+    cell_px: int = 8
+    even_light: float = 0.04
     surround: tuple[float, float] = (0.12, 0.3)
     color_power: float = 2.0
     far: float = 0.08
