@@ -73,6 +73,7 @@ class LightConfig:
         glint_dark: Light of the dark side of these edges.
         glint_surround: Mean light of the surroundings up to which a small light by day is a glint, and from
             which it is not.
+        glint_gain: Light of glints over that of lamps with equally sharp edges.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
             a halo.
@@ -135,7 +136,7 @@ class LightConfig:
     max_depth_span: float = 0.1
     night: tuple[float, float] = (0.02, 0.035)
     sharp_gain: float = 5.0
-    lamp_gain: tuple[float, float] = (6.0, 40.0)
+    lamp_gain: tuple[float, float] = (1.0, 40.0)
     max_lamp_gain: float = 80.0
     lamp_fraction: tuple[float, float] = (0.04, 0.08)
     lamp_share: tuple[float, float] = (0.2, 0.5)
@@ -143,6 +144,7 @@ class LightConfig:
     glint_sharpness: tuple[float, float] = (1.1, 1.6)
     glint_dark: float = 0.3
     glint_surround: tuple[float, float] = (0.2, 0.35)
+    glint_gain: float = 0.6
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
     halo_excess: tuple[float, float] = (8.0, 16.0)
