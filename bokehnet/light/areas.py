@@ -4,7 +4,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Indices, Mask, cell_sums, ramp
+from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Indices, Mask, point_sums, ramp
 from bokehnet.light.components import Components, connected_components
 from bokehnet.light.edges import edge_pixels, sharpness
 
@@ -150,9 +150,9 @@ def _radiance(picture: BrightPicture, rows: Indices, columns: Indices) -> float:
 
 def _color_around(picture: BrightPicture, bright: Mask, rows: Indices, columns: Indices) -> Floats:
     """Return the colour of unclipped bright pixels around pixels, raised to a power, of mean 1, (N, 3)."""
-    shown = bright & (picture.highest < picture.levels.shoulder)
+    shown = np.nonzero(bright & (picture.highest < picture.levels.shoulder))
     reach = picture.config.surround_reach * picture.diagonal
-    color = cell_sums(picture.image, reach, shown).at(rows, columns).astype(np.float64) + 1e-3
+    color = point_sums(picture.image[shown], shown, picture.lowest.shape, reach).at(rows, columns) + 1e-3
     return np.asarray((color / color.mean(-1, keepdims=True)) ** picture.config.color_power)
 
 
