@@ -132,6 +132,18 @@ def test_a_sky_behind_trees_is_brightened_and_bluish():
     assert recovered.note.endswith("x white")
 
 
+@pytest.mark.parametrize("level", [0.95, 1.0, 1.1, 1.2])
+def test_a_white_house_in_the_farthest_layer_is_left_alone(level):
+    """Its shading crosses the clip level, up to a third above it; the edges are sharp."""
+    rng = np.random.default_rng(8)
+    light, near = noisy(0.08, rng), np.full((HEIGHT, WIDTH), 0.6, np.float32)
+    for top, left in ((20, 20), (30, 130), (80, 70)):
+        wall = np.s_[top : top + 60, left : left + 80]
+        light[wall], near[wall] = (level * np.linspace(0.7, 1.1, 80))[None, :, None], 0
+    original = stored(light)
+    assert recover_light(original, near).image is original
+
+
 def test_strength_scales_the_excess():
     light, near = sky(np.random.default_rng(4))
     original = stored(light)
