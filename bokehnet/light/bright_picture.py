@@ -65,10 +65,10 @@ def cell_sums(
         weights = ones[start : start + step].astype(np.float32)
         np.einsum("ij...,ij->j...", block, weights, out=row)
     sums = np.add.reduceat(rows, np.arange(0, layer.shape[1], step), 1, dtype=np.float64)
-    return _around(sums, reach, step)
+    return _around(np.asarray(sums, np.float64), reach, step)
 
 
-def point_sums(values: Array, at: tuple[Indices, Indices], shape: tuple[int, ...], reach: float) -> CellSums:
+def point_sums(values: Array, at: tuple[Indices, ...], shape: tuple[int, ...], reach: float) -> CellSums:
     """Return the sums of values of few pixels over squares; see :func:`cell_sums`.
 
     Args:
@@ -80,7 +80,8 @@ def point_sums(values: Array, at: tuple[Indices, Indices], shape: tuple[int, ...
     step = max(1, round(reach / 8))
     height, width = (-(-side // step) for side in shape)
     cells = at[0] // step * width + at[1] // step
-    sums = [np.bincount(cells, values[:, c], height * width) for c in range(values.shape[1])]
+    channels = values.astype(np.float64).T
+    sums = [np.bincount(cells, channel, height * width).astype(np.float64) for channel in channels]
     return _around(np.stack(sums, -1).reshape(height, width, -1), reach, step)
 
 
