@@ -90,6 +90,8 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=4, help="scenes of each kind")
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="seed of the first scene")
+    parser.add_argument("--cameras", nargs="+", default=["hard", "shoulder"], choices=[*CAMERAS])
     parser.add_argument("--kinds", nargs="+", default=[*LIGHT, *MATTER], choices=[*LIGHT, *MATTER])
     parser.add_argument("--ablate", action="store_true")
     parser.add_argument("--network", type=Path, metavar="FILE", help="ONNX file of a LightNet")
@@ -106,8 +108,9 @@ def main() -> None:
     print(" | ".join(["---"] * (len(names) + 6)))
     figures = {}
     for kind in arguments.kinds:
-        scenes = list(cases((kind,), arguments.seeds))
-        for camera_name, camera in CAMERAS.items():
+        scenes = list(cases((kind,), range(arguments.first, arguments.first + arguments.seeds)))
+        for camera_name in arguments.cameras:
+            camera = CAMERAS[camera_name]
             rows = np.array([scores(case, camera, recoveries) for case in scenes])
             off, recovered, true = rows[:, 0], rows[:, 2], rows[:, -1]
             gap = float((true - off).mean())

@@ -66,10 +66,8 @@ def read_gain_map(path: Path, orientation: int, exif: bytes | None) -> GainMap |
         ImageFileError: The map is damaged.
     """
     if is_heif(path):
-        auxiliary = read_heif_gain_map(path, exif)
-        if auxiliary is None:
-            return None
-        return GainMap(kind="Apple HDR", stored=auxiliary[0], coding=auxiliary[1])
+        item = read_heif_gain_map(path, exif)
+        return None if item is None else GainMap(kind=item[0], stored=item[1], coding=item[2])
     encoded = jpeg_gain_map(path, exif)
     if encoded is None:
         return None

@@ -8,7 +8,17 @@ import numpy.typing as npt
 from bokehnet.light.clip_level import ClipLevel
 from bokehnet.light.config import LightConfig
 
-__all__ = ["Array", "BrightPicture", "CellSums", "Floats", "Indices", "Mask", "cell_sums", "ramp"]
+__all__ = [
+    "Array",
+    "BrightPicture",
+    "CellSums",
+    "Floats",
+    "Indices",
+    "Mask",
+    "cell_sums",
+    "point_sums",
+    "ramp",
+]
 
 Array = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
@@ -55,6 +65,28 @@ def cell_sums(
         weights = ones[start : start + step].astype(np.float32)
         np.einsum("ij...,ij->j...", block, weights, out=row)
     sums = np.add.reduceat(rows, np.arange(0, layer.shape[1], step), 1, dtype=np.float64)
+    return _around(np.asarray(sums, np.float64), reach, step)
+
+
+def point_sums(values: Array, at: tuple[Indices, ...], shape: tuple[int, ...], reach: float) -> CellSums:
+    """Return the sums of values of few pixels over squares; see :func:`cell_sums`.
+
+    Args:
+        values: Values of each pixel, (N, channels).
+        at: Rows and columns of the pixels, (N,) each.
+        shape: Height and width of the picture.
+        reach: Half-width of the squares, pixels.
+    """
+    step = max(1, round(reach / 8))
+    height, width = (-(-side // step) for side in shape)
+    cells = at[0] // step * width + at[1] // step
+    channels = values.astype(np.float64).T
+    sums = [np.bincount(cells, channel, height * width).astype(np.float64) for channel in channels]
+    return _around(np.stack(sums, -1).reshape(height, width, -1), reach, step)
+
+
+def _around(sums: Floats, reach: float, step: int) -> CellSums:
+    """Return the sums over squares of half-width ``reach`` pixels of the sums of cells."""
     radius = max(1, round(reach / step))
     for axis in (0, 1):
         total = np.cumsum(np.insert(sums, 0, 0.0, axis=axis), axis=axis)

@@ -41,6 +41,14 @@ class LightConfig:
         fill_far: Clipped fraction of a region in the farthest layer from which it can be light, and from
             which it is.
         fill: The same elsewhere.
+        shading: Mean radiance of the clipped pixels of a layer, according to its unclipped ones, up to which
+            they are matter, and from which they can be light, with a hard clip and with a shoulder.
+        clutter: Fraction of a layer that is unclipped for other reasons than shading, in the farthest layer
+            and elsewhere.
+        cell: Side of the cells that measure shading, fraction of the diagonal, if that is more than
+            ``cell_px``.
+        cell_px: The same, pixels.
+        even_light: Maximum standard deviation of a cell that measures shading, relative to its mean.
         surround: Mean light of the dark surroundings up to which a region is light, and from which it is not.
         color_power: Exponent of the colour of the bright pixels around a large light.
         far: Depth range that counts as farthest layer, fraction of the picture's range of defocus.
@@ -65,6 +73,7 @@ class LightConfig:
         glint_dark: Light of the dark side of these edges.
         glint_surround: Mean light of the surroundings up to which a small light by day is a glint, and from
             which it is not.
+        glint_gain: Light of glints over that of lamps with equally sharp edges.
         halo_level: Light down to which a halo is measured.
         halo_growth: Growth of a lamp's radius down to that level, relative to its radius, from which it has
             a halo.
@@ -111,6 +120,11 @@ class LightConfig:
     min_weight: float = 0.1
     fill_far: tuple[float, float] = (0.35, 0.5)
     fill: tuple[float, float] = (0.8, 0.93)
+    shading: tuple[tuple[float, float], tuple[float, float]] = ((1.3, 1.8), (1.1, 1.4))
+    clutter: tuple[float, float] = (0.1, 0.0)
+    cell: float = 0.005
+    cell_px: int = 8
+    even_light: float = 0.04
     surround: tuple[float, float] = (0.12, 0.3)
     color_power: float = 2.0
     far: float = 0.08
@@ -122,7 +136,7 @@ class LightConfig:
     max_depth_span: float = 0.1
     night: tuple[float, float] = (0.02, 0.035)
     sharp_gain: float = 5.0
-    lamp_gain: tuple[float, float] = (6.0, 40.0)
+    lamp_gain: tuple[float, float] = (1.0, 40.0)
     max_lamp_gain: float = 80.0
     lamp_fraction: tuple[float, float] = (0.04, 0.08)
     lamp_share: tuple[float, float] = (0.2, 0.5)
@@ -130,6 +144,7 @@ class LightConfig:
     glint_sharpness: tuple[float, float] = (1.1, 1.6)
     glint_dark: float = 0.3
     glint_surround: tuple[float, float] = (0.2, 0.35)
+    glint_gain: float = 0.6
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
     halo_excess: tuple[float, float] = (8.0, 16.0)

@@ -103,7 +103,7 @@ def _lamp_weights(
         return np.zeros(regions.count)
     surround = regions.sums(picture.surround(*at)) / area
     lamp, glint = (ramp(surround, ends[::-1]) for ends in (config.lamp_surround, config.glint_surround))
-    return np.asarray(certainty * np.maximum(night * lamp, day * glint))
+    return np.asarray(certainty * np.maximum(night * lamp, config.glint_gain * day * glint))
 
 
 def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask) -> float:

@@ -158,7 +158,8 @@ def _is_drawing(image: Array, level: float, config: LightConfig) -> bool:
     """
     rows = image[:: max(1, image.shape[0] // 500)]
     equal = np.logical_and.reduce([rows[:, 1:, c] == rows[:, :-1, c] for c in range(3)])
-    highest = rows[:, 1:-1].max(-1)
+    red, green, blue = (rows[:, 1:-1, c] for c in range(3))
+    highest = np.maximum(np.maximum(red, green), blue)
     is_shown = (highest > config.black) & (highest < level)
     count = int(is_shown.sum())
     return count == 0 or bool((equal[:, 1:] & equal[:, :-1])[is_shown].sum() > config.flat * count)

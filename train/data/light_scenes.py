@@ -2,11 +2,11 @@
 
 A scene has planes in front of a background (:mod:`bokehnet.raytrace`). Light: skies behind trees, windows of
 dark rooms, lamps at night, lamps with the halo of a stopped-down lens, coloured lamps, signs and screens, sun
-glints. Matter: white cards with shading, pages of text, petals, snow, white clothes and overexposed walls,
-which reach the clip level but are hardly brighter.
+glints. Matter: white cards with shading, pages of text, petals, snow, white clothes, overexposed walls,
+clouds and products on white, which reach the clip level but are hardly brighter.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,14 +59,17 @@ class CameraCurve:
         shoulder: Linear light from which values are compressed; 1 clips hard.
         top: Stored value of clipped light, 8 bit.
         white: Linear light that is stored as ``top``.
+        exposure: Factor on the light.
     """
 
     shoulder: float = 1.0
     top: int = 255
     white: float = 1.0
+    exposure: float = 1.0
 
     def store(self, light: np.ndarray) -> np.ndarray:
         """Return the stored picture (H, W, 3) uint8 of scene-linear light."""
+        light = self.exposure * light
         if self.shoulder < 1:
             width, limit = self.white - self.shoulder, 1 - self.shoulder
             u = np.clip((light - self.shoulder) / width, 0, 1)
@@ -80,6 +83,10 @@ class CameraCurve:
 CAMERAS = {
     "hard": CameraCurve(),
     "shoulder": CameraCurve(shoulder=0.6, top=252, white=2.0),
+    "film": CameraCurve(shoulder=0.35, white=5.0),
+    "soft": CameraCurve(shoulder=0.8, top=254, white=1.5),
+    "dark": CameraCurve(exposure=0.6),
+    "bright": CameraCurve(shoulder=0.7, white=2.0, exposure=1.5),
 }
 
 
@@ -345,6 +352,33 @@ def _wall(rng: np.random.Generator) -> Scene:
     return Scene(background=_far(wall * np.array([1, 0.98, 0.94]), 0.1), planes=(_subject(rng, 0.2),))
 
 
+def _clouds(rng: np.random.Generator) -> Scene:
+    """Return white clouds in a blue sky, lit by the sun, behind trees."""
+    cover = np.clip(3 * (fractal_noise(256, 384, rng, 1.8)[..., None] - rng.uniform(0.35, 0.6)), 0, 1)
+    white = _white_shading(rng, (256, 384), float(rng.uniform(0.75, 1.2)))
+    blue = float(rng.uniform(0.3, 0.7)) * np.array([0.45, 0.7, 1.0])
+    planes = []
+    for _ in range(rng.integers(1, 5)):
+        alpha = draw_shape(THIN_SHAPES if rng.random() < 0.7 else OPEN_SHAPES, 300, 300, rng)
+        middle = (float(rng.uniform(-1, 1)), float(rng.uniform(-0.2, 0.7)))
+        planes.append(_card(_textured(rng, 0.06, (300, 300)), alpha, middle, (0.8, 1.1), 0.1))
+    sky = (1 - cover) * blue + cover * white
+    return Scene(background=_far(sky, 0.0), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.4)))))
+
+
+def _product(rng: np.random.Generator) -> Scene:
+    """Return products on a white table before a white wall, lit up to the clip level."""
+    level = float(rng.uniform(0.9, 1.3))
+    wall = _white_shading(rng, (256, 384), level) / (1 + 0.3 * rng.random())
+    planes = [_card(_white_shading(rng, (120, 384), level), None, (0, 1.0), (1.3, 0.5), 0.4)]
+    for _ in range(rng.integers(1, 4)):
+        alpha = draw_shape(SOLID_SHAPES, 200, 160, rng)
+        middle = (float(rng.uniform(-0.7, 0.7)), float(rng.uniform(-0.2, 0.5)))
+        tinted = _textured(rng, float(rng.uniform(0.05, 0.6)), (200, 160))
+        planes.append(_card(tinted, alpha, middle, (0.25, 0.5), float(rng.uniform(0.4, 0.8))))
+    return Scene(background=_far(wall, 0.1), planes=(*planes, _subject(rng, float(rng.uniform(0.1, 0.5)))))
+
+
 LIGHT: dict[str, Callable[[np.random.Generator], Scene]] = {
     "sky": _sky,
     "window": _window,
@@ -362,6 +396,8 @@ MATTER: dict[str, Callable[[np.random.Generator], Scene]] = {
     "snow": _snow,
     "clothes": _clothes,
     "wall": _wall,
+    "clouds": _clouds,
+    "product": _product,
 }
 
 
@@ -425,10 +461,10 @@ def _disparity(scene: Scene, view: Camera) -> np.ndarray:
     return np.asarray((render_disparity(scene, view).numpy() * nearest).clip(0, 1))
 
 
-def cases(kinds: tuple[str, ...], seeds: int) -> Iterator[LightCase]:
-    """Yield the scenes of some kinds."""
+def cases(kinds: tuple[str, ...], seeds: Iterable[int]) -> Iterator[LightCase]:
+    """Yield the scenes of some kinds, one for each seed."""
     for kind in kinds:
-        for seed in range(1, seeds + 1):
+        for seed in seeds:
             yield make_case(kind, seed)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,10 +16,11 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
 from bokehnet.io.color.icc import read_profile
+from bokehnet.io.containers.heif_items import has_tone_map, tone_map_item
 from bokehnet.io.containers.input_checks import check_pixel_count
 from bokehnet.io.depth.apple_depth import PIXEL_DATA, apple_coding
 from bokehnet.io.depth.depth_coding import DepthCoding
-from bokehnet.io.metadata.gain_map import APPLE_ITEM, AppleCoding
+from bokehnet.io.metadata.gain_map import APPLE_ITEM, ISO_KIND, AppleCoding, GainCoding, iso_coding
 from bokehnet.io.metadata.gain_map import apple_coding as gain_coding
 from bokehnet.io.metadata.photo_metadata import Metadata, validated
 from bokehnet.io.metadata.xmp import parse_xmp
@@ -164,30 +166,42 @@ def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding]
 
 def read_heif_gain_map(
     path: Path | str, exif: bytes | None
-) -> tuple[NDArray[np.float32], AppleCoding] | None:
-    """Read Apple's gain map of the primary picture, upright; None if there is none.
+) -> tuple[str, NDArray[np.float32], AppleCoding | GainCoding] | None:
+    """Read the gain map of the primary picture, upright; None if there is none.
+
+    A map of ISO 21496-1 has precedence over Apple's.
 
     Args:
         path: HEIC or HEIF file.
         exif: EXIF of the primary picture, or None.
 
     Returns:
-        Stored values of 0 to 1, (h, w, C), and their coding.
+        Kind, stored values of 0 to 1, (h, w, C), and their coding.
 
     Raises:
         ImageFileError: The map or its metadata are damaged.
     """
+    data = Path(path).read_bytes()
+    try:
+        item = tone_map_item(data) if has_tone_map(data) else None
+    except ValueError as error:
+        raise ImageFileError(f"{path}: the gain map is damaged ({error})") from error
+    if item is not None:
+        if item.metadata[:1] != b"\0":
+            raise ImageFileError(f"{path}: the gain map has an unknown version, expected 0")
+        coding = iso_coding(path, item.metadata[1:])
+        return ISO_KIND, _pixels(path, _open(path, item.picture))[..., :3], coding
     file = _open(path)
     maps = (file.info.get("aux") or {}).get(APPLE_ITEM)
     if not maps:
         return None
-    packets = list(islice(_packets(Path(path).read_bytes()), _MAX_PACKETS))
+    packets = list(islice(_packets(data), _MAX_PACKETS))
     roots = [parse_xmp(path, packet) for packet in packets if b"HDRGainMapHeadroom" in packet]
     try:
         auxiliary = file[file.primary_index].get_aux_image(maps[0])
     except _DECODER_ERRORS as error:
         raise ImageFileError(f"{path}: the gain map is damaged ({_one_line(error)})") from error
-    return _pixels(path, auxiliary)[..., :3], gain_coding(path, roots, exif)
+    return "Apple HDR", _pixels(path, auxiliary)[..., :3], gain_coding(path, roots, exif)
 
 
 def _apple_coding(path: Path | str) -> DepthCoding | None:
@@ -207,12 +221,14 @@ def _packets(data: bytes) -> Iterator[bytes]:
         yield data[start:end]
 
 
-def _open(path: Path | str) -> "HeifFile":
+def _open(path: Path | str, data: bytes | None = None) -> "HeifFile":
+    """Open a file, or its contents changed."""
     require_extra("pillow_heif", "heif")
     import pillow_heif
 
     try:
-        file = pillow_heif.open_heif(Path(path), convert_hdr_to_8bit=False)
+        source = Path(path) if data is None else BytesIO(data)
+        file = pillow_heif.open_heif(source, convert_hdr_to_8bit=False)
     except _DECODER_ERRORS as error:
         raise ImageFileError(f"{path}: the HEIF file is truncated or damaged ({_one_line(error)})") from error
     if not len(file):

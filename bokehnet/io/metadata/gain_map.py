@@ -10,20 +10,24 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from bokehnet.errors import ImageFileError
+from bokehnet.io.containers.heif_items import has_tone_map
 from bokehnet.io.containers.jpeg import APP1, APP2, JPEG_START, jpeg_layout, segments_of
 from bokehnet.io.metadata.exif import maker_note, read_directory
 from bokehnet.io.metadata.xmp import jpeg_xmp, xmp_properties
 
 __all__ = [
     "APPLE_ITEM",
+    "ISO_KIND",
     "AppleCoding",
     "GainCoding",
     "StoredGainMap",
     "apple_coding",
     "gain_map_kind",
+    "iso_coding",
     "jpeg_gain_map",
 ]
 
+ISO_KIND = "ISO 21496-1"
 _ISO = b"urn:iso:std:iso:ts:21496:-1"
 _ULTRA_HDR, _APPLE = "http://ns.adobe.com/hdr-gain-map/1.0/", "http://ns.apple.com/HDRGainMap/1.0/"
 APPLE_ITEM = "urn:com:apple:photo:2020:aux:hdrgainmap"
@@ -31,10 +35,9 @@ _PIXEL_DATA = "http://ns.apple.com/pixeldatainfo/1.0/"
 _RDF_ITEM = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}li"
 
 # Names of gain maps in files, most specific first. Sources: ISO 21496-1, 2025, annex C; Adobe, "Gain map
-# specification", 2023; Apple, "Applying Apple HDR effect to your photos", 2023; AOM, "AVIF specification",
-# 2024, for the item type of ISO gain maps in HEIF.
+# specification", 2023; Apple, "Applying Apple HDR effect to your photos", 2023.
 _NAMES = {
-    _ISO: "ISO 21496-1",
+    _ISO: ISO_KIND,
     _ULTRA_HDR.encode(): "Ultra HDR",
     APPLE_ITEM.encode(): "Apple HDR",
     _APPLE.encode(): "Apple HDR",
@@ -107,6 +110,8 @@ def gain_map_kind(path: Path | str) -> str:
         ''
     """
     data = Path(path).read_bytes()
+    if has_tone_map(data):
+        return ISO_KIND
     return next((kind for name, kind in _NAMES.items() if name in data), "")
 
 
@@ -132,7 +137,9 @@ def jpeg_gain_map(path: Path | str, exif: bytes | None) -> StoredGainMap | None:
         roots = jpeg_xmp(path, [payload for marker, payload in segments if marker == APP1])
         picture = data[start:end]
         if len(iso) > len(_ISO) + 1 + 4:  # four bytes are a version alone
-            return StoredGainMap(kind="ISO 21496-1", picture=picture, coding=_iso_coding(path, iso))
+            return StoredGainMap(
+                kind=ISO_KIND, picture=picture, coding=iso_coding(path, iso[len(_ISO) + 1 :])
+            )
         if "Version" in xmp_properties(roots, _ULTRA_HDR):
             return StoredGainMap(kind="Ultra HDR", picture=picture, coding=_xmp_coding(path, roots))
         is_apple = xmp_properties(roots, _PIXEL_DATA).get("AuxiliaryImageType") == APPLE_ITEM
@@ -150,9 +157,16 @@ def _pictures_after_primary(data: bytes) -> list[tuple[int, int]]:
     return pictures
 
 
-def _iso_coding(path: Path | str, payload: bytes) -> GainCoding:
-    """Return the coding in a segment of ISO 21496-1, annex C.2: big-endian fractions."""
-    body = payload[len(_ISO) + 1 :]
+def iso_coding(path: Path | str, body: bytes) -> GainCoding:
+    """Return the coding in metadata of ISO 21496-1, annex C.2: big-endian fractions.
+
+    Args:
+        path: File, for messages.
+        body: Metadata, from the minimum version on.
+
+    Raises:
+        ImageFileError: The metadata are damaged or out of range.
+    """
     try:
         minimum, _, flags = struct.unpack_from(">HHB", body)
         channels = 3 if flags & _MULTICHANNEL else 1

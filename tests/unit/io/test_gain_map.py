@@ -1,4 +1,4 @@
-"""Gain maps in JPEG files: written by these tests after the specifications, read back, and used."""
+"""Gain maps in JPEG and HEIC files: written by these tests after the specifications, read back, and used."""
 
 import struct
 
@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.io.containers.heif_items import tone_map_item
 from bokehnet.io.frame import read_frame
 from bokehnet.io.info import image_info
 from bokehnet.io.metadata.gain_map import APPLE_ITEM, jpeg_gain_map
@@ -16,7 +17,7 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import RelativeDisparity
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.settings import RenderSettings
-from tests.unit.io.depth.phone_files import heic_with_auxiliary
+from tests.unit.io.depth.phone_files import heic_with_auxiliary, heic_with_tone_map
 
 HEIGHT, WIDTH = 64, 96
 BRIGHT = 200  # stored value of the map where the window is
@@ -164,6 +165,70 @@ def test_apple_map_of_a_heic_file(tmp_path):
     path.write_bytes(heic_with_auxiliary(picture(), grey, APPLE_ITEM))
     assert read_frame(path).gain_map is None
     assert any(note.startswith("the gain map is ignored: ") for note in read_frame(path).notes)
+
+
+def tone_map(segment, inputs=(1, 2), version=b"\0"):
+    """A HEIC file with the metadata of a segment in its tone map item."""
+    grey = np.full((HEIGHT // 2, WIDTH // 2), BRIGHT, np.uint8)
+    return heic_with_tone_map(picture(), grey, version + segment[1].removeprefix(ISO), inputs)
+
+
+def test_tone_map_item_of_a_heic_file(tmp_path):
+    """Authority: ISO 21496-1, 5.2, with the gain map as a hidden picture that an item of metadata names."""
+    pytest.importorskip("pillow_heif", reason="needs the extra heif")
+    path = tmp_path / "photo.heic"
+    path.write_bytes(tone_map(iso()))
+    frame = read_frame(path)
+    light = frame.gain_map.light(frame.image)
+    assert_allclose(light[30, 48], (1 + OFFSET) * 2 ** (HIGH * BRIGHT / 255) - OFFSET, rtol=0.02)
+    assert image_info(path).gain_map == "ISO 21496-1, 48 x 32 pixels, up to 8x white"
+    assert not any("ignored" in note for note in frame.notes)
+
+
+def _renamed(data, old, new):
+    assert old in data
+    return data.replace(old, new)
+
+
+DAMAGED_ITEMS = {
+    "metadata cut": lambda: tone_map((0xE2, iso()[1][:-3])),
+    "future version": lambda: tone_map(iso(), version=b"\1"),
+    "HDR base": lambda: tone_map(iso(swapped=True)),
+    "no metadata": lambda: tone_map((0xE2, ISO)),
+    "no gain map": lambda: tone_map(iso(), inputs=(1,)),
+    "unknown gain map": lambda: tone_map(iso(), inputs=(1, 9)),
+    "no inputs": lambda: _renamed(tone_map(iso()), b"dimg", b"dimh"),
+    "file cut": lambda: tone_map(iso())[:-20],
+    "a box of the wrong size": lambda: _renamed(tone_map(iso()), b"\0\0\0\x10dimg", b"\0\0\1\x10dimg"),
+}
+
+
+@pytest.mark.parametrize("make", DAMAGED_ITEMS.values(), ids=DAMAGED_ITEMS)
+def test_damaged_tone_map_items_are_ignored(tmp_path, make):
+    pytest.importorskip("pillow_heif", reason="needs the extra heif")
+    path = tmp_path / "photo.heic"
+    path.write_bytes(make())
+    frame = read_frame(path)
+    assert frame.gain_map is None
+    assert_allclose(frame.image[30, 48], 1, rtol=0.02)
+    ignored = [note for note in frame.notes if note.startswith("the gain map is ignored: ")]
+    assert len(ignored) == 1
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_boxes_with_wrong_bytes_raise_nothing_else(seed):
+    """Hostile files: ten random bytes of the boxes of a file are replaced."""
+    pytest.importorskip("pillow_heif", reason="needs the extra heif")
+    rng = np.random.default_rng(seed)
+    data = bytearray(tone_map(iso()))
+    end = data.index(b"mdat")
+    for place in rng.integers(0, end, 10):
+        data[place] = rng.integers(256)
+    try:
+        item = tone_map_item(bytes(data[: rng.integers(end // 2, len(data))] if seed % 2 else data))
+    except ValueError:
+        return
+    assert item is None or len(item.metadata) < len(data)
 
 
 def test_headroom_of_apple_in_xmp_is_preferred(tmp_path):

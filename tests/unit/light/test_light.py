@@ -1,5 +1,7 @@
 """Detection and recovery of clipped light: what is found, what is left alone, what bad input gets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -130,6 +132,21 @@ def test_a_sky_behind_trees_is_brightened_and_bluish():
     assert_allclose(recovered.image[:80, 5].mean(), 4, rtol=0.7)
     assert_array_equal(recovered.image[80:], original[80:])
     assert recovered.note.endswith("x white")
+
+
+@pytest.mark.parametrize("level", [1.0, 1.05, 1.1])
+def test_white_houses_in_the_farthest_layer_are_left_alone(level):
+    """Their shading crosses the clip level, up to a fifth above it; without its measure they are light."""
+    rng = np.random.default_rng(8)
+    light, near = noisy(0.08, rng), np.full((HEIGHT, WIDTH), 0.6, np.float32)
+    for top in (16, 64, 112):
+        for left in (16, 80, 144, 200):
+            wall = np.s_[top : top + 16, left : left + 24]
+            light[wall], near[wall] = (level * np.linspace(0.82, 1.1, 24))[None, :, None], 0
+    original = stored(light)
+    assert recover_light(original, near).image is original
+    unmeasured = replace(DEFAULT_CONFIG, shading=((-2.0, -1.0), (-2.0, -1.0)))
+    assert recover_light(original, near, config=unmeasured).largest > 1.5
 
 
 def test_strength_scales_the_excess():

@@ -157,8 +157,8 @@ def _box(kind, content):
     return struct.pack(">I4s", len(content) + 8, kind) + content
 
 
-def heic_with_auxiliary(picture, grey, auxiliary="urn:mpeg:hevc:2015:auxid:2", xmp=b""):
-    """A HEIC file whose second picture is auxiliary to the first (ISO/IEC 23008-12, 6.5.8 and 6.6.2)."""
+def _two_pictures(picture, grey):
+    """The file type, the boxes of ``meta`` and the pixels of a HEIC file, and where these begin."""
     import pillow_heif
 
     pictures = pillow_heif.from_bytes(mode="RGB", size=picture.shape[1::-1], data=picture.tobytes())
@@ -168,6 +168,45 @@ def heic_with_auxiliary(picture, grey, auxiliary="urn:mpeg:hevc:2015:auxid:2", x
     data = stream.getvalue()
     top = dict(_boxes(data, 0, len(data)))
     meta = dict(_boxes(top[b"meta"], 4, len(top[b"meta"])))
+    return top[b"ftyp"], meta, top[b"mdat"], len(data) - len(top[b"mdat"]) - 8
+
+
+def _assembled(kind, meta, pixels, length):
+    """A file of changed boxes; corrects the places of its pixels, and puts -1 where these end."""
+
+    def head():
+        inner = b"".join(_box(name, content) for name, content in meta.items())
+        return _box(b"ftyp", kind) + _box(b"meta", bytes(4) + inner)
+
+    start = len(head())
+    # Version 0, 4-byte offsets, lengths and base offsets; each item has one extent.
+    locations = bytearray(meta[b"iloc"])
+    for at in range(18, len(locations), 18):
+        (offset,) = struct.unpack(">I", locations[at : at + 4])
+        moved = offset + start - length if offset != 0xFFFFFFFF else start + 8 + len(pixels) + 8
+        locations[at : at + 4] = struct.pack(">I", moved)
+    meta[b"iloc"] = bytes(locations)
+    return head() + _box(b"mdat", pixels)
+
+
+def heic_with_tone_map(picture, grey, metadata, inputs=(1, 2)):
+    """A HEIC file with the hidden gain map of its picture (ISO/IEC 23008-12, amendment 1)."""
+    kind, meta, pixels, length = _two_pictures(picture, grey)
+    entries = list(_boxes(meta[b"iinf"], 6, len(meta[b"iinf"])))
+    second = bytearray(entries[1][1])
+    second[3] |= 1
+    item = _box(b"infe", b"\2\0\0\0" + struct.pack(">HH4s", 3, 0, b"tmap") + b"\0")
+    listed = _box(*entries[0]) + _box(b"infe", bytes(second)) + item
+    meta[b"iinf"] = bytes(4) + struct.pack(">H", 3) + listed
+    meta[b"iref"] = bytes(4) + _box(b"dimg", struct.pack(f">HH{len(inputs)}H", 3, len(inputs), *inputs))
+    location = struct.pack(">HHIHII", 3, 0, 0, 1, 0xFFFFFFFF, len(metadata))
+    meta[b"iloc"] = meta[b"iloc"][:6] + struct.pack(">H", 3) + meta[b"iloc"][8:] + location
+    return _assembled(kind, meta, pixels, length) + _box(b"free", metadata)
+
+
+def heic_with_auxiliary(picture, grey, auxiliary="urn:mpeg:hevc:2015:auxid:2", xmp=b""):
+    """A HEIC file whose second picture is auxiliary to the first (ISO/IEC 23008-12, 6.5.8 and 6.6.2)."""
+    kind_of_file, meta, pixels, length = _two_pictures(picture, grey)
     properties = dict(_boxes(meta[b"iprp"], 0, len(meta[b"iprp"])))
     count = len(list(_boxes(properties[b"ipco"], 0, len(properties[b"ipco"]))))
     kind = _box(b"auxC", bytes(4) + auxiliary.encode() + b"\0")
@@ -179,16 +218,4 @@ def heic_with_auxiliary(picture, grey, auxiliary="urn:mpeg:hevc:2015:auxid:2", x
     meta[b"iprp"] = _box(b"ipco", properties[b"ipco"] + kind) + _box(b"ipma", bytes(associations))
     meta[b"iref"] = bytes(4) + _box(b"auxl", struct.pack(">HHH", 2, 1, 1))
 
-    def assemble():
-        inner = b"".join(_box(name, content) for name, content in meta.items())
-        return _box(b"ftyp", top[b"ftyp"]) + _box(b"meta", bytes(4) + inner)
-
-    grown = len(assemble()) - (len(data) - len(top[b"mdat"]) - 8)
-    # Version 0, 4-byte offsets, lengths and base offsets; each item has one extent.
-    locations = bytearray(meta[b"iloc"])
-    for item in range(2):
-        at = 8 + item * 18 + 10
-        (offset,) = struct.unpack(">I", locations[at : at + 4])
-        locations[at : at + 4] = struct.pack(">I", offset + grown)
-    meta[b"iloc"] = bytes(locations)
-    return assemble() + _box(b"mdat", top[b"mdat"]) + (_box(b"free", xmp) if xmp else b"")
+    return _assembled(kind_of_file, meta, pixels, length) + (_box(b"free", xmp) if xmp else b"")
