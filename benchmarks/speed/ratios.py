@@ -2,7 +2,7 @@
 
 Photograph 21 with its map, engine rays, processor seconds (user and system) of warm renders in turns.
 
-looks: presets and traced lenses on the repaired map, without camera effects; the ratio is that to a plain disc.
+looks: presets and traced lenses on the repaired map, without camera effects; the ratio is to a plain disc.
 noise: the map with the noise of stereo matching, repair and render together; the ratio is that to the map
 without noise, and the dB compare the picture with that of the map without noise.
 SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
@@ -26,7 +26,7 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset
-from bokehnet.settings.settings import EffectsSettings, RenderSettings
+from bokehnet.settings.settings import RenderSettings
 
 _COMMAND = "python -m benchmarks.speed.ratios"
 
@@ -103,7 +103,6 @@ def looks_section(shared: Path, rounds: int) -> dict[str, dict[str, float]]:
     scene = renderer.prepare(read_scene(shared / "real/21.jpg", base), base)
 
     def rendering(settings: RenderSettings) -> Callable[[], object]:
-        settings = replace(settings, effects=EffectsSettings())
         return lambda: renderer.render(scene, settings)
 
     runs = {PLAIN: rendering(base)}
@@ -164,7 +163,7 @@ def main() -> None:
         print(f"== {section}: processor seconds, medians of {arguments.rounds} rounds in turns")
         rows = sections[section](arguments.shared, arguments.rounds)
         if arguments.figures:
-            conditions = f"photograph 21 (1080x1350), blur {BLUR:g}, rays, medians of {arguments.rounds} rounds in turns"
+            conditions = f"photograph 21, blur {BLUR:g}, rays, medians of {arguments.rounds} rounds in turns"
             used = columns if section == "noise" else {key: columns[key] for key in ("seconds", "ratio")}
             path = arguments.figures / f"ratios_{section}.json"
             write_figures(path, f"{_COMMAND} {section}", conditions, used, rows)
