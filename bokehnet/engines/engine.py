@@ -15,7 +15,7 @@ from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_same_size
 from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
-from bokehnet.engine_registry import ENGINES
+from bokehnet.engine_registry import CLASSICAL, ENGINES
 from bokehnet.engines.bands import Band, BandReader, band_bytes, widest_band
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
@@ -28,7 +28,14 @@ from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
 from bokehnet.engines.job import EngineResult, Job, Lens, NetworkInputs
 from bokehnet.engines.options import RenderOptions, with_option_keywords
-from bokehnet.engines.strips import StripAccumulator, cut_bands, cut_strips, working_memory
+from bokehnet.engines.strips import (
+    StripAccumulator,
+    cut_bands,
+    cut_strips,
+    memory_error,
+    min_strip_bytes,
+    working_memory,
+)
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.onnx_session import CPU
@@ -253,6 +260,11 @@ class Engine:
         return NetworkInputs(coarse, estimate)
 
     @property
+    def _can_use_bands(self) -> bool:
+        """True if no network needs whole rows, and rays cost more than copies of bands."""
+        return self._networks is None and CLASSICAL[self.classical_name].traces_rays
+
+    @property
     def _reads_defocus_again(self) -> bool:
         """True if the networks read the defocus after the classical half."""
         return self._networks is not None and self._networks.leaves_outlines
@@ -290,16 +302,17 @@ class Engine:
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
             if memory is None:
                 return [], [None]
-        in_bands = self._networks is None and not expected_error and lens.layers is None
         bands, widest = [], width
-        if in_bands:
+        if self._can_use_bands and not expected_error and lens.layers is None:
+            minimum = min_strip_bytes(height, width, reach, self.classical_name, bands=True)
+            if memory - memory_in_use < minimum:
+                raise memory_error(minimum, memory, memory_in_use, width, max_coc_radius)
             bands = cut_bands(height, width, reach, self.classical_name, memory - memory_in_use)
             widest, memory_in_use = widest_band(bands), memory_in_use + band_bytes(height, bands)
         strips: list[Strip | None] = [
             replace(strip, width=width)
             for strip in cut_strips(
-                *(height, widest, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach),
-                bands=in_bands,
+                height, widest, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach
             )
         ]
         if len(strips) <= 1 and len(bands) < 2:

@@ -16,7 +16,7 @@ from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.bands import Band, band_bytes, even_bands, widest_band
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut_bands", "cut_strips", "min_strip_bytes", "working_memory"]
+__all__ = ["StripAccumulator", "cut_bands", "cut_strips", "memory_error", "min_strip_bytes", "working_memory"]
 
 # Minimum halo of a strip, rows, for the averaging windows of pixels; very large discs need more.
 _MIN_HALO_ROWS = 32
@@ -131,6 +131,20 @@ def min_strip_bytes(height: int, width: int, reach: int, classical: str, bands: 
     return minimum
 
 
+def memory_error(
+    min_bytes: int, memory: int, memory_in_use: int, width: int, max_coc_radius: int
+) -> ParameterError:
+    """Return the error that names the minimum memory; arguments in bytes and pixels."""
+    scope = "in all" if memory_in_use else "beyond the pictures themselves"
+    return ParameterError(
+        "max_memory",
+        f"at least {math.ceil((memory_in_use + min_bytes) / 1e6)} MB {scope}, for a "
+        f"width of {width} and blur of {max_coc_radius} pixels",
+        memory,
+        shown=f"{memory / 1e6:.0f} MB",
+    )
+
+
 def cut_strips(
     height: int,
     width: int,
@@ -139,7 +153,6 @@ def cut_strips(
     memory: int,
     memory_in_use: int = 0,
     max_ray_reach: int | None = None,
-    bands: bool = False,
 ) -> Iterator[Strip]:
     """Divide a picture into strips, from top to bottom.
 
@@ -152,7 +165,6 @@ def cut_strips(
         memory_in_use: Memory that is already in use, bytes.
         max_ray_reach: Maximum distance of rays from their pixel, if a lens sends them beyond
             ``max_coc_radius``, pixels.
-        bands: True if the picture may be rendered in bands, see :func:`cut_bands`: for the message.
 
     Raises:
         ParameterError: The narrowest strip exceeds the memory.
@@ -164,15 +176,8 @@ def cut_strips(
     max_rows = max(0, memory - memory_in_use) // (CLASSICAL[classical].bytes_per_pixel * width)
     bounds = _strip_bounds(height, halo, max_rows)
     if bounds is None:
-        min_bytes = min_strip_bytes(height, width, reach, classical, bands)
-        scope = "in all" if memory_in_use else "beyond the pictures themselves"
-        raise ParameterError(
-            "max_memory",
-            f"at least {math.ceil((memory_in_use + min_bytes) / 1e6)} MB {scope}, for a "
-            f"width of {shown_width} and blur of {max_coc_radius} pixels",
-            memory,
-            shown=f"{memory / 1e6:.0f} MB",
-        )
+        min_bytes = min_strip_bytes(height, width, reach, classical, bands=False)
+        raise memory_error(min_bytes, memory, memory_in_use, shown_width, max_coc_radius)
     for top, bottom in pairwise(bounds):
         first = _aligned(max(0, top - halo))
         yield Strip(
