@@ -36,13 +36,16 @@ def write_figures(
         command: Command line that was run.
         conditions: Data, size, machine, and the kind of average.
         columns: From the key of a column to its title and the format of its numbers, such as ".2f".
-        rows: From the name of a row to its numbers by column.
+        rows: From the name of a row to its numbers by column; columns that were not measured are absent.
     """
     figures = {
         "command": command,
         "commit": _commit(),
         "conditions": conditions,
         "columns": {key: {"title": title, "format": form} for key, (title, form) in columns.items()},
-        "rows": {name: {key: round(float(row[key]), 6) for key in columns} for name, row in rows.items()},
+        "rows": {
+            name: {key: round(float(row[key]), 6) for key in columns if key in row}
+            for name, row in rows.items()
+        },
     }
     write_text(path, json.dumps(figures, indent=1) + "\n")

@@ -38,7 +38,10 @@ def table(name: str, keys: list[str] | None = None) -> str:
     lines = ["| | " + " | ".join(column["title"] for column in columns.values()) + " |"]
     lines.append("|---" * (len(columns) + 1) + "|")
     for row, numbers in figures["rows"].items():
-        cells = [format(numbers[key], column["format"]) for key, column in columns.items()]
+        cells = [
+            format(numbers[key], column["format"]) if key in numbers else "–"
+            for key, column in columns.items()
+        ]
         lines.append(f"| {row} | " + " | ".join(cells) + " |")
     return "\n".join([*lines, "", f"`{figures['command']}`; {figures['conditions']}"])
 

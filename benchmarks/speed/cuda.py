@@ -31,7 +31,7 @@ from bokehnet.classical.cuda.march import CudaMarch
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.march import ray_marching
 from bokehnet.classical.rays_renderer import Device, render_rays
-from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.scatter_renderer import scatter_inside
 from bokehnet.classical.torch import autograd
 from bokehnet.classical.torch.device_scatter import scatter_on
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
@@ -84,7 +84,7 @@ class Bench:
         def measure() -> dict[str, Any]:
             image, radii = scene(width, height, blur)
             run_on_device = partial(scatter_on(self.device), image, radii, aperture)
-            run_on_cpu = partial(scatter, image, radii, aperture)
+            run_on_cpu = partial(scatter_inside, image, radii, aperture)
             on_device, repeated, on_cpu = run_on_device(), run_on_device(), run_on_cpu()
             row = agreement(on_device, on_cpu) | {"repeatable": bool((on_device == repeated).all())}
             colors, blurs = torch.from_numpy(image).to(self.device), torch.from_numpy(radii).to(self.device)
@@ -171,7 +171,8 @@ class Bench:
             march, cpu_march = TimedMarch(CudaMarch()), TimedMarch(ray_marching._march)
             device_methods = Device(scatter_on(self.device), march)
             run_on_device = partial(render_rays, image, radii, aperture, device_methods, **options)
-            run_on_cpu = partial(render_rays, image, radii, aperture, Device(scatter, cpu_march), **options)
+            cpu_methods = Device(scatter_inside, cpu_march)
+            run_on_cpu = partial(render_rays, image, radii, aperture, cpu_methods, **options)
             with DeviceMemory() as memory:
                 on_device = run_on_device()
             on_cpu = run_on_cpu()

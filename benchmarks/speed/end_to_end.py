@@ -6,8 +6,9 @@ photograph: every engine, warm, on a photograph of 1080x1350 pixels, compared wi
     with ``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory,
     by the command line, with its peak memory. enlarged: a photograph and its map at 6, 24 and 100 megapixels,
     with default options, with a lens, in bounded memory, and with large radii. radii: the same photograph at
-    24 megapixels, with discs of up to 39, 100, 200 and 400 pixels. SHARED holds ``real/21.jpg`` with its
-disparity ``21.png``.
+    24 megapixels, with discs of up to 39, 100, 200 and 400 pixels. bounded: 100 megapixels, discs of up to
+    311 pixels, in bounded memory. trace: cores in use in each 0.1 s of one command line, Linux only. SHARED
+    holds ``real/21.jpg`` with its disparity ``21.png``.
 """
 
 import argparse
@@ -196,6 +197,36 @@ _ENLARGED: tuple[_Row, ...] = (
 
 _RADII: tuple[_Row, ...] = tuple(((4380, 5475), blur, "jpg jpg", ()) for blur in (60, 154, 308, 615))
 
+_BOUNDED: tuple[_Row, ...] = (((8944, 11180), 480, "jpg jpg", ("--max-memory", "4G")),)
+
+# Interval of the trace, seconds.
+_TRACE_SECONDS = 0.1
+
+
+def trace_section(shared: Path) -> None:
+    """Print the cores in use over the time of one command line, from its start to the written file."""
+    ticks = os.sysconf("SC_CLK_TCK")
+    with tempfile.TemporaryDirectory() as folder:
+        words = [sys.executable, "-m", "bokehnet", "render", str(shared / "real/21.jpg")]
+        words += ["--disparity", str(shared / "real/21.png"), "--blur", f"{BLUR:g}", "--focus", f"{FOCUS:g}"]
+        run_command(*words[3:], "-o", f"{folder}/out.png")
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        start = before = time.perf_counter()
+        process, used, idle = subprocess.Popen([*words, "-o", f"{folder}/out.png"], **quiet), 0.0, 0.0
+        print("== trace: cores in use; # is half a core")
+        while process.poll() is None:
+            time.sleep(_TRACE_SECONDS)
+            try:
+                fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+            except (FileNotFoundError, ProcessLookupError):
+                break
+            now, total = time.perf_counter(), (int(fields[11]) + int(fields[12])) / ticks
+            cores = (total - used) / (now - before)
+            idle += (now - before) * max(0.0, min(2, os.cpu_count() or 1) - cores)
+            print(f"{now - start:5.1f} s {cores:4.1f} {'#' * round(2 * cores)}", flush=True)
+            before, used = now, total
+        print(f"{time.perf_counter() - start:.1f} s, {used:.1f} processor s, {idle:.1f} core seconds idle")
+
 
 def enlarged_section(shared: Path, rows: tuple[_Row, ...]) -> None:
     """Print seconds, processor time and peak memory of an enlarged photograph; each is rendered once."""
@@ -226,7 +257,7 @@ def enlarged_section(shared: Path, rows: tuple[_Row, ...]) -> None:
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    sections = ("photograph", "cold", "large", "enlarged", "radii")
+    sections = ("photograph", "cold", "large", "enlarged", "radii", "bounded", "trace")
     parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--rounds", type=int, default=5)
@@ -252,6 +283,10 @@ def main() -> None:
             )
         elif section == "radii":
             enlarged_section(arguments.shared, _RADII)
+        elif section == "bounded":
+            enlarged_section(arguments.shared, _BOUNDED)
+        elif section == "trace":
+            trace_section(arguments.shared)
         else:
             parser.error(f"unknown section {section}; expected {', '.join(sections)}")
 

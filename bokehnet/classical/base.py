@@ -47,6 +47,7 @@ class Strip:
         height: Height of the whole picture, pixels.
         max_coc_radius: Largest blur radius of the whole picture, rounded up to whole pixels.
         output_rows: Rows of the arrays whose result is valid; the others are the halo.
+        width: Width of the whole picture, pixels; default: that of the arrays.
     """
 
     first: int
@@ -54,6 +55,11 @@ class Strip:
     height: int
     max_coc_radius: int
     output_rows: slice
+    width: int | None = None
+
+    def size(self, columns: int) -> tuple[int, int]:
+        """Return height and width of the whole picture, pixels, for arrays with ``columns`` columns."""
+        return self.height, self.width or columns
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -117,6 +117,11 @@ class KnownSurfaces:
         """Return the same surfaces after ``rows`` rows are added above the picture."""
         return replace(self, rows=self.rows + np.int32(rows))
 
+    def in_columns(self, first: int, last: int, offset: int = 0) -> "KnownSurfaces":
+        """Return the pixels of columns ``first`` to ``last``, exclusive, with ``offset`` added to columns."""
+        part = self.select((self.columns >= first) & (self.columns < last))
+        return replace(part, columns=part.columns + np.int32(offset))
+
     def select(self, mask: npt.NDArray[np.bool_]) -> "KnownSurfaces":
         """Return the pixels for which ``mask``, (N,), is True."""
         return self._subset(mask)
@@ -151,13 +156,17 @@ class KnownSurfaces:
 
 
 def concatenate_surfaces(parts: Sequence[KnownSurfaces]) -> KnownSurfaces | None:
-    """Return the pixels of several parts, each below the previous one; None if there are no parts."""
+    """Return the pixels of several parts in the order of rows and columns; None if there are no parts."""
     if not parts:
         return None
     arrays: dict[str, Any] = {
         name: None if getattr(parts[0], name) is None else np.concatenate([getattr(p, name) for p in parts])
         for name in _ARRAYS
     }
+    rows, columns = arrays["rows"], arrays["columns"]
+    if (np.diff(rows) < 0).any() or ((np.diff(rows) == 0) & (np.diff(columns) < 0)).any():
+        order = np.lexsort((columns, rows))
+        arrays = {name: None if array is None else array[order] for name, array in arrays.items()}
     return replace(parts[0], **arrays)
 
 

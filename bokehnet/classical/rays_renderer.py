@@ -200,7 +200,7 @@ class _Job:
     def size(self) -> tuple[int, int]:
         """Height and width of the whole picture, of which the arrays may be a strip."""
         height, width = self.defocus.shape
-        return (height if self.strip is None else self.strip.height), width
+        return (height, width) if self.strip is None else self.strip.size(width)
 
     @property
     def above(self) -> int:

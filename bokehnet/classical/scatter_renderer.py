@@ -184,7 +184,7 @@ def render_scatter(
     """
     check_ideal_except_tilt(options.get("lens_response"), "scatter")
     strip, viewport, progress = options.get("strip"), options.get("viewport"), options.get("progress")
-    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    size = defocus.shape if strip is None else strip.size(defocus.shape[1])
     viewport = (viewport or Viewport.whole(*size)).below(0 if strip is None else strip.first)
     radius = (
         math.ceil(max(float(defocus.max()), -float(defocus.min()))) if strip is None else strip.max_coc_radius

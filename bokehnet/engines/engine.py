@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from bokehnet.arrays.viewport import Viewport
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_same_size
 from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalResult, Strip, check_inputs
-from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
-from bokehnet.engine_registry import ENGINES
+from bokehnet.engine_registry import CLASSICAL, ENGINES
+from bokehnet.engines.bands import Band, BandReader, band_bytes, widest_band
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
     MAX_NETWORK_PIXELS,
@@ -26,47 +26,29 @@ from bokehnet.engines.coarse_to_fine import (
 )
 from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
+from bokehnet.engines.job import EngineResult, Job, Lens, NetworkInputs
 from bokehnet.engines.options import RenderOptions, with_option_keywords
-from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
+from bokehnet.engines.strips import (
+    StripAccumulator,
+    cut_bands,
+    cut_strips,
+    memory_error,
+    min_strip_bytes,
+    working_memory,
+)
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.onnx_session import CPU
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
-from bokehnet.optics.tone import GammaCurve, gamma_curve
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
+from bokehnet.optics.tone import gamma_curve
 from bokehnet.progress import Progress, ignore_progress
 
 __all__ = ["Engine", "EngineResult", "ray_reach"]
 
 # Progress steps per strip, and for the networks.
 _STEPS = 100
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EngineResult:
-    """Rendered picture and its components; all scene-linear float32.
-
-    Attributes:
-        bokeh: Result, (H, W, 3).
-        classical: Classical half, (H, W, 3); ``None`` if a hybrid was rendered in strips.
-        neural: Neural half, (H, W, 3); ``None`` for a classical engine, and in strips.
-        error_map: Weight of the neural half, (H, W) in [0, 1]: the learned map within the reach of a depth
-            discontinuity, 0 elsewhere; for a classical engine, its geometric error map.
-        largest_blur: Largest blur radius, pixels.
-        mixed_pixels: Pixels that were rendered as two surfaces, with both; ``None`` for engines that unmix
-            none.
-        expected_error: Expected mean over colors of |sRGB value - truth|, 8-bit levels, (H, W); ``None`` if
-            it was not requested.
-    """
-
-    bokeh: np.ndarray
-    classical: np.ndarray | None
-    neural: np.ndarray | None
-    error_map: np.ndarray
-    largest_blur: float = 0.0
-    mixed_pixels: KnownSurfaces | None = None
-    expected_error: np.ndarray | None = None
 
 
 def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> float:
@@ -103,48 +85,7 @@ def ray_reach(lens_response: LensResponse, viewport: Viewport, max_coc_radius: i
     return lens_table(lens_response, viewport, chances).reach(max_coc_radius)
 
 
-@dataclass(frozen=True, slots=True)
-class _Lens:
-    """Lens and aperture of one render, with the known edges of the picture."""
-
-    aperture: Aperture
-    lens_response: LensResponse
-    viewport: Viewport
-    pixel_filter: PixelFilter
-    known: KnownSurfaces | None = None
-    rays_factor: float = 1.0
-    layers: Layers | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _NetworkInputs:
-    """Inputs of the networks, collected from the whole picture while it is rendered."""
-
-    coarse: CoarseInput | None
-    estimate: ErrorEstimate | None
-
-    def add(self, first: int, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult) -> None:
-        """Add rows to both."""
-        for collector in (self.coarse, self.estimate):
-            if collector is not None:
-                collector.add(first, image, defocus, classical)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
-    """One render: checked image (H, W, 3) and defocus (H, W), optics, tone, progress, inputs of networks."""
-
-    image: np.ndarray
-    defocus: np.ndarray
-    lens: _Lens
-    curve: GammaCurve | None
-    report: Progress
-    network_inputs: _NetworkInputs
-
-
-def _prepare_light(
-    image: np.ndarray, defocus: np.ndarray, options: RenderOptions
-) -> tuple[np.ndarray, _Lens]:
+def _prepare_light(image: np.ndarray, defocus: np.ndarray, options: RenderOptions) -> tuple[np.ndarray, Lens]:
     """Return the image and the lens, with light at least 0 and clipped light restored."""
     known, layers, highlights = options.known, options.layers, options.highlights
     known = known and known.with_mapped_colors(lambda light: np.maximum(light, 0))
@@ -156,7 +97,7 @@ def _prepare_light(
         image = in_row_blocks(highlights.expand, image, out=output)
         known = known and known.with_mapped_colors(highlights.expand)
         layers = layers and layers.with_mapped_colors(highlights.expand)
-    return image, _Lens(
+    return image, Lens(
         aperture=options.aperture or Aperture(),
         lens_response=options.lens_response or LensResponse(),
         viewport=options.viewport or Viewport.whole(*defocus.shape),
@@ -263,11 +204,11 @@ class Engine:
         memory_in_use = options.memory_in_use
         if options.overwrite and defocus.flags.writeable and self._reads_defocus_again:
             memory_in_use += defocus.nbytes  # the error map cannot replace it
-        strips = self._cut(defocus, lens, options.max_memory, memory_in_use)
+        bands, strips = self._cut(defocus, lens, options.max_memory, memory_in_use, options.expected_error)
         largest = _max_coc_radius(defocus, lens.known)  # before defocus is overwritten
         available = None if options.max_memory is None else options.max_memory - memory_in_use
         network_inputs = self._make_network_inputs(defocus.shape, largest, available, options.expected_error)
-        job = _Job(
+        job = Job(
             image=image,
             defocus=defocus,
             lens=lens,
@@ -275,7 +216,9 @@ class Engine:
             report=progress or ignore_progress,
             network_inputs=network_inputs,
         )
-        if len(strips) > 1:
+        if len(bands) > 1:
+            result = self._render_bands(job, bands, strips, options.overwrite)
+        elif len(strips) > 1:
             result = self._render_strips(job, strips, options.overwrite)
         else:
             result = self._render_whole(job)
@@ -302,7 +245,7 @@ class Engine:
 
     def _make_network_inputs(
         self, shape: tuple[int, ...], largest: float, available: int | None, expected_error: bool
-    ) -> _NetworkInputs:
+    ) -> NetworkInputs:
         """Return empty inputs of the networks for a picture (H, W) with blur radii up to ``largest`` pixels.
 
         ``available`` bytes bound the pixels per call of a network; None: no bound.
@@ -314,7 +257,12 @@ class Engine:
         if expected_error:
             max_pixels = _max_pixels(available, ERROR_BYTES)
             estimate = ErrorEstimate(height, width, largest, max_pixels, self._threads)
-        return _NetworkInputs(coarse, estimate)
+        return NetworkInputs(coarse, estimate)
+
+    @property
+    def _can_use_bands(self) -> bool:
+        """True if no network needs whole rows, and rays cost more than copies of bands."""
+        return self._networks is None and CLASSICAL[self.classical_name].traces_rays
 
     @property
     def _reads_defocus_again(self) -> bool:
@@ -322,15 +270,23 @@ class Engine:
         return self._networks is not None and self._networks.leaves_outlines
 
     def _cut(
-        self, defocus: np.ndarray, lens: _Lens, memory: int | None, memory_in_use: int
-    ) -> list[Strip | None]:
-        """Return strips within ``memory - memory_in_use`` bytes; ``[None]`` for the whole picture."""
+        self,
+        defocus: np.ndarray,
+        lens: Lens,
+        memory: int | None,
+        memory_in_use: int,
+        expected_error: bool,
+    ) -> tuple[list[Band], list[Strip | None]]:
+        """Return bands and the strips of each within ``memory - memory_in_use`` bytes.
+
+        No bands, and ``[None]`` for strips, stand for the whole picture.
+        """
         if self.name in BASELINES:
             if memory is not None:
                 raise ParameterError(
                     "max_memory", f"None, because {self.name} needs the whole picture", memory
                 )
-            return [None]
+            return [], [None]
         is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
@@ -340,25 +296,33 @@ class Engine:
         if self.classical_name == "rays":  # raises for an impossible tilt
             max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
         if memory is None and is_indivisible:
-            return [None]
+            return [], [None]
+        reach = max(max_coc_radius, max_ray_reach or 0)
         if memory is None:
-            reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
             if memory is None:
-                return [None]
+                return [], [None]
+        bands, widest = [], width
+        if self._can_use_bands and not expected_error and lens.layers is None:
+            minimum = min_strip_bytes(height, width, reach, self.classical_name, bands=True)
+            if memory - memory_in_use < minimum:
+                raise memory_error(minimum, memory, memory_in_use, width, max_coc_radius)
+            bands = cut_bands(height, width, reach, self.classical_name, memory - memory_in_use)
+            widest, memory_in_use = widest_band(bands), memory_in_use + band_bytes(height, bands)
         strips: list[Strip | None] = [
-            *cut_strips(
-                height, width, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach
+            replace(strip, width=width)
+            for strip in cut_strips(
+                height, widest, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach
             )
         ]
-        if len(strips) <= 1:
-            return [None]
+        if len(strips) <= 1 and len(bands) < 2:
+            return [], [None]
         if self._networks is not None and self._networks.iunet is not None:
             expected = "None, because these networks need the whole picture at once"
             raise ParameterError("max_memory", expected, memory, "leave it out")
-        return strips
+        return bands, strips
 
-    def _render_whole(self, job: _Job) -> EngineResult:
+    def _render_whole(self, job: Job) -> EngineResult:
         image, defocus, report = job.image, job.defocus, job.report
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
@@ -391,7 +355,7 @@ class Engine:
             mixed_pixels=classical.mixed_pixels,
         )
 
-    def _render_strips(self, job: _Job, strips: Sequence[Strip | None], overwrite: bool) -> EngineResult:
+    def _render_strips(self, job: Job, strips: Sequence[Strip | None], overwrite: bool) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         image, defocus, report, network_inputs = job.image, job.defocus, job.report, job.network_inputs
         networks = self._networks
@@ -436,9 +400,49 @@ class Engine:
             mixed_pixels=concatenate_surfaces(mixed),
         )
 
+    def _render_bands(
+        self, job: Job, bands: Sequence[Band], strips: Sequence[Strip | None], overwrite: bool
+    ) -> EngineResult:
+        """Render band by band, each in strips; without networks."""
+        image, defocus, lens = job.image, job.defocus, job.lens
+        outputs = [
+            array if overwrite and array.flags.writeable else np.empty_like(array)
+            for array in (image, defocus)
+        ]
+        reader, mixed = BandReader([image, defocus], bands), []
+        for index, band in enumerate(bands):
+            light, radii = reader.read(index)
+
+            def report(done: int, steps: int, index: int = index) -> None:
+                job.report(int(_STEPS * (index + done / steps)), _STEPS * len(bands))
+
+            known = lens.known and lens.known.in_columns(band.first, band.last, -band.first)
+            viewport = replace(lens.viewport, left=lens.viewport.left + band.first)
+            part = replace(
+                job,
+                image=light,
+                defocus=radii,
+                lens=replace(lens, viewport=viewport, known=known),
+                report=report,
+            )
+            result = self._render_strips(part, strips, overwrite=True)
+            own = slice(band.start - band.first, band.stop - band.first)
+            for output, array in zip(outputs, (result.bokeh, result.error_map), strict=True):
+                output[:, band.start : band.stop] = array[:, own]
+            if result.mixed_pixels is not None:
+                mixed.append(result.mixed_pixels.in_columns(own.start, own.stop, band.first))
+        bokeh, error_map = outputs
+        return EngineResult(
+            bokeh=bokeh,
+            classical=bokeh,
+            neural=None,
+            error_map=error_map,
+            mixed_pixels=concatenate_surfaces(mixed),
+        )
+
     def _render_classical(
         self,
-        job: _Job,
+        job: Job,
         strip: Strip | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:

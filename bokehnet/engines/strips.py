@@ -1,4 +1,8 @@
-"""Division of a picture into strips that are rendered one after the other, which bounds the memory."""
+"""Division of a picture into strips of rows, and these into bands, rendered in turn, which bounds the memory.
+
+A strip of whole rows reads a halo above and below. Where memory allows few rows beside that halo, its layers
+are most of the work: bands of columns have more rows of their own (:mod:`bokehnet.engines.bands`).
+"""
 
 import math
 from collections.abc import Iterator
@@ -9,9 +13,10 @@ import numpy as np
 from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.classical.layered.march.resolution_levels import layers_halo
 from bokehnet.engine_registry import CLASSICAL
+from bokehnet.engines.bands import Band, band_bytes, even_bands, widest_band
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut_strips", "min_strip_rows", "working_memory"]
+__all__ = ["StripAccumulator", "cut_bands", "cut_strips", "memory_error", "min_strip_bytes", "working_memory"]
 
 # Minimum halo of a strip, rows, for the averaging windows of pixels; very large discs need more.
 _MIN_HALO_ROWS = 32
@@ -19,6 +24,9 @@ _MIN_HALO_ROWS = 32
 # Memory of a strip without a user limit, bytes; the first efficient one is used: less is faster because it is
 # reused, but with large discs most of it would be halo.
 _WORKING_MEMORY_BYTES = (2**30, 3 * 2**29, 2**31)
+
+# Fraction of the pixels that strips of whole rows read which are their own; below, bands are considered.
+_EFFICIENT_FRACTION = 0.5
 
 # Minimum ratio of a strip's own rows to its halo for such strips to be efficient.
 _MIN_ROWS_PER_HALO = 6
@@ -34,7 +42,7 @@ def _halo(height: int, reach: int, classical: str) -> int:
     return spec.strip_halo * min(reach, height) + max(_MIN_HALO_ROWS, margin)
 
 
-def min_strip_rows(height: int, reach: int, classical: str) -> int:
+def _min_rows(height: int, reach: int, classical: str) -> int:
     """Return the rows of the narrowest strip, halo included, in a picture of this height."""
     return min(height, 2 * _halo(height, reach, classical) + 2 * ALIGNED)
 
@@ -58,6 +66,83 @@ def working_memory(height: int, width: int, reach: int, classical: str) -> int |
         if max_rows - 2 * halo - ALIGNED >= _MIN_ROWS_PER_HALO * halo:
             return memory
     return None
+
+
+def _own_fraction(height: int, bands: list[Band], halo: int, classical: str, memory: int) -> float:
+    """Return the fraction of the pixels read by strips of bands that are their own; 0 if memory is short."""
+    widest = widest_band(bands)
+    rows = (memory - band_bytes(height, bands)) // (CLASSICAL[classical].bytes_per_pixel * widest)
+    own_rows = height if rows >= height else rows - 2 * halo - ALIGNED
+    if own_rows < ALIGNED:
+        return 0.0
+    read = sum(band.last - band.first for band in bands)
+    return own_rows / min(rows, height) * bands[-1].stop / read
+
+
+def cut_bands(height: int, width: int, reach: int, classical: str, memory: int) -> list[Band]:
+    """Divide the columns of a picture into bands; one band where strips of whole rows are efficient.
+
+    Args:
+        height: Height of the picture, pixels.
+        width: Width of the picture, pixels.
+        reach: Maximum distance of rays from their pixel, pixels.
+        classical: Name of the classical renderer.
+        memory: Memory for strips and copies of bands, bytes.
+    """
+    halo = _halo(height, reach, classical)
+    best = even_bands(width, halo, 1)
+    fraction = _own_fraction(height, best, halo, classical, memory)
+    if fraction >= _EFFICIENT_FRACTION or not CLASSICAL[classical].traces_rays:
+        return best
+    for count in range(2, _max_count(width, halo) + 1):
+        bands = even_bands(width, halo, count)
+        other = _own_fraction(height, bands, halo, classical, memory)
+        if other > fraction:
+            best, fraction = bands, other
+    return best
+
+
+def _max_count(width: int, halo: int) -> int:
+    """Return the maximum number of bands: own columns are at least as many as those of one halo."""
+    return max(1, width // max(halo, ALIGNED))
+
+
+def min_strip_bytes(height: int, width: int, reach: int, classical: str, bands: bool) -> int:
+    """Return the minimum memory of strips, bytes.
+
+    In bands, a strip has at least as many own rows as one halo, so that no pixel is read more than about nine
+    times.
+
+    Args:
+        height: Height of the picture, pixels.
+        width: Width of the picture, pixels.
+        reach: Maximum distance of rays from their pixel, pixels.
+        classical: Name of the classical renderer.
+        bands: True if the picture may be rendered in bands.
+    """
+    per_pixel, halo = CLASSICAL[classical].bytes_per_pixel, _halo(height, reach, classical)
+    minimum = _min_rows(height, reach, classical) * width * per_pixel
+    if not bands or not CLASSICAL[classical].traces_rays:
+        return minimum
+    rows = min(height, 3 * halo + 2 * ALIGNED)
+    for count in range(2, _max_count(width, halo) + 1):
+        columns = even_bands(width, halo, count)
+        minimum = min(minimum, band_bytes(height, columns) + rows * widest_band(columns) * per_pixel)
+    return minimum
+
+
+def memory_error(
+    min_bytes: int, memory: int, memory_in_use: int, width: int, max_coc_radius: int
+) -> ParameterError:
+    """Return the error that names the minimum memory; arguments in bytes and pixels."""
+    scope = "in all" if memory_in_use else "beyond the pictures themselves"
+    return ParameterError(
+        "max_memory",
+        f"at least {math.ceil((memory_in_use + min_bytes) / 1e6)} MB {scope}, for a "
+        f"width of {width} and blur of {max_coc_radius} pixels",
+        memory,
+        shown=f"{memory / 1e6:.0f} MB",
+    )
 
 
 def cut_strips(
@@ -91,15 +176,8 @@ def cut_strips(
     max_rows = max(0, memory - memory_in_use) // (CLASSICAL[classical].bytes_per_pixel * width)
     bounds = _strip_bounds(height, halo, max_rows)
     if bounds is None:
-        min_bytes = min_strip_rows(height, reach, classical) * width * CLASSICAL[classical].bytes_per_pixel
-        scope = "in all" if memory_in_use else "beyond the pictures themselves"
-        raise ParameterError(
-            "max_memory",
-            f"at least {math.ceil((memory_in_use + min_bytes) / 1e6)} MB {scope}, for a "
-            f"width of {shown_width} and blur of {max_coc_radius} pixels",
-            memory,
-            shown=f"{memory / 1e6:.0f} MB",
-        )
+        min_bytes = min_strip_bytes(height, width, reach, classical, bands=False)
+        raise memory_error(min_bytes, memory, memory_in_use, shown_width, max_coc_radius)
     for top, bottom in pairwise(bounds):
         first = _aligned(max(0, top - halo))
         yield Strip(

@@ -19,7 +19,9 @@ def test_tables_agree_with_their_figures(page):
 def test_figures_name_their_command_commit_and_conditions(path):
     figures = json.loads(path.read_text(encoding="utf-8"))
     assert all(figures[key] for key in ("command", "commit", "conditions", "columns", "rows"))
-    assert all(set(row) == set(figures["columns"]) for row in figures["rows"].values())
+    columns = set(figures["columns"])  # a row may lack what was not measured
+    assert all(row and set(row) <= columns for row in figures["rows"].values())
+    assert all(any(key in row for row in figures["rows"].values()) for key in columns)
     assert any(f"<!-- figures: {path.stem}" in page.read_text(encoding="utf-8") for page in PAGES)
 
 

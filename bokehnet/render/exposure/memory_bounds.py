@@ -9,7 +9,7 @@ from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
-from bokehnet.engines.strips import min_strip_rows
+from bokehnet.engines.strips import min_strip_bytes
 from bokehnet.errors import ParameterError
 from bokehnet.io.formats.heif import heif_size, is_heif
 from bokehnet.io.pixels import ImageFile
@@ -73,11 +73,12 @@ def min_memory(settings: RenderSettings, engine: str, width: int, height: int, a
     per_pixel += _EXPECTED_ERROR_BYTES if estimates and spec.traces_rays else 0
     radius = _largest_relative_blur(settings)
     halo = _ray_reach(settings, radius, height, width) if radius and spec.traces_rays else radius
-    rows = min_strip_rows(height, halo, spec.classical)
+    bands = spec.networks is None and not (estimates and spec.traces_rays)
+    strip = min_strip_bytes(height, width, halo, spec.classical, bands)
     per_pixel += _ALPHA_BYTES if alpha else 0
-    stages.append(PROGRAM + per_pixel * pixels + rows * width * spec.bytes_per_pixel)
+    stages.append(PROGRAM + per_pixel * pixels + strip)
     if alpha:
-        stages.append(PROGRAM + (_PICTURE_BYTES + _GREY_BYTES) * pixels + rows * width * spec.bytes_per_pixel)
+        stages.append(PROGRAM + (_PICTURE_BYTES + _GREY_BYTES) * pixels + strip)
     if spec.networks is not None:
         stages.append(PROGRAM + per_pixel * pixels + ARNET_BYTES * min(pixels, MIN_NETWORK_PIXELS))
     return max(stages)

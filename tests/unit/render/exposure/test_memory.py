@@ -58,7 +58,7 @@ def test_the_minimum_grows_with_the_picture_and_the_request():
     settings = bounded(10**9, depth={"repair": "off"})
     small, large = (min_memory(settings, "rays", 1000 * n, 1000 * n) for n in (1, 5))
     assert PROGRAM < small < large
-    assert min_memory(settings, "scatter", 5000, 5000) < large
+    assert min_memory(settings, "scatter", 5000, 5000) < min_memory(settings, "hybrid", 5000, 5000)
     assert min_memory(bounded(10**9), "scatter", 5000, 5000) > min_memory(settings, "scatter", 5000, 5000)
     wide = settings.updated({"camera": {"blur": 400}})
     assert min_memory(wide, "rays", 5000, 5000) > large

@@ -88,6 +88,13 @@ def test_a_checkerboard_of_focus_and_blur_is_marched_at_the_full_size(monkeypatc
     np.testing.assert_array_equal(rays(image, defocus, seed=1), truth)
 
 
+@pytest.mark.parametrize("radius", [0.0, 30.0, -30.0])
+def test_one_surface_in_focus_or_all_blurred_equals_the_full_size(monkeypatch, radius):
+    image, defocus = texture(64, 96), np.full((64, 96), radius, np.float32)
+    truth = at_full_size(monkeypatch, image, defocus, seeds=1)
+    np.testing.assert_array_equal(rays(image, defocus, seed=1), truth)
+
+
 def test_halos_grow_with_the_radius():
     """No level is in use below twice the smallest blur of a level; more rows are never needed for less."""
     assert layers_halo(2 * MIN_RADIUS_PX - 1) == levels_halo(2 * MIN_RADIUS_PX - 1)
