@@ -1,12 +1,12 @@
 """Corrector of depth maps that is trained through the rays.
 
-``python -m benchmarks.experiments.networks.train_through_rays TRAINING TEST``
+``python -m benchmarks.experiments.networks.train_through_rays TRAINING TEST --checkpoints FOLDER``
 
 A small network moves the edges of a map that the repair has left, in the range of the depths around each
-pixel. A learned gate selects where it acts. It is trained twice: first by depth, the cross entropy of the
-position between the local extremes; then through the rays, by the error of the picture that
-:func:`bokehnet.torch.layered` renders with the corrected map, against the traced picture. Both states are
-scored by the rays of the package on scenes of another kind, with faults that the training does not have.
+pixel. It is trained twice: first by depth, the cross entropy of the position between the local extremes;
+then through the rays, by the error of the picture that :func:`bokehnet.torch.layered` renders with the
+corrected map, against the traced picture. Both states are scored by the rays of the package on scenes of
+another kind, with faults that the training does not have.
 Checkpoints in ``--checkpoints`` are used again.
 
 Rule: it is of use only if wrong maps gain 0.3 dB at edges in the mean and true maps lose at most 0.02 dB.
@@ -60,7 +60,7 @@ _SAVE_EVERY = 100
 
 
 class Corrector(nn.Module):
-    """Network that corrects a map within its local extremes, where its gate is open.
+    """Network that corrects a map within its local extremes.
 
     Shape:
         image (B, 3, H, W), scene-linear; disparity (B, 1, H, W). It starts as the identity.
@@ -72,7 +72,7 @@ class Corrector(nn.Module):
         for number in range(depth):
             dilation = 2 ** (number % 3)
             layers += [nn.Conv2d(width, width, 3, padding=dilation, dilation=dilation), nn.ELU()]
-        head = nn.Conv2d(width, 2, 3, padding=1)
+        head = nn.Conv2d(width, 1, 3, padding=1)
         nn.init.zeros_(head.weight)
         self.body = nn.Sequential(*layers, head)
 
@@ -80,9 +80,8 @@ class Corrector(nn.Module):
         """Return positions between the local extremes before and after, and the width between them."""
         low, high = _extremes(disparity)
         position = ((disparity - low) / (high - low + 0.01)).clamp(0.02, 0.98)
-        logit, gate = self.body(torch.cat([encode(image), position, high - low], 1)).split(1, 1)
-        moved = (torch.logit(position) + logit).sigmoid()
-        return position, position + gate.sigmoid() * (moved - position), high - low
+        logit = self.body(torch.cat([encode(image), position, high - low], 1))
+        return position, (torch.logit(position) + logit).sigmoid(), high - low
 
     def forward(self, image: Tensor, disparity: Tensor) -> Tensor:
         """Return the corrected disparity."""
