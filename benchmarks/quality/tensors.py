@@ -11,15 +11,18 @@ the numba rays:
 ``file`` is the file of ``bokehnet export --engine rays`` in ONNX Runtime, with layers of its own; ``fast``,
 ``neural`` and ``bokehme`` are engines and the baseline. The time is user and system time of one picture; that
 of the slow ``layered`` and ``bokehme`` is four times the time of a quarter of the picture.
+With ``--results`` each row is written when it is measured, and the same command resumes a stopped run.
 
 Source: Sheng et al., "Dr.Bokeh: DiffeRentiable Occlusion-aware Bokeh Rendering", CVPR 2024, for layers that
 are splatted with occlusion; our slices are simpler.
 """
 
 import argparse
+import json
 import math
 import time
 from collections.abc import Callable
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -35,6 +38,7 @@ from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter import pyramid_levels
+from bokehnet.io.files.atomic import write_text
 from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.aperture import Aperture
 from bokehnet.render.renderer import BokehRenderer
@@ -146,15 +150,52 @@ def processor_seconds(name: str, render: Render) -> float:
     return share**2 * (time.process_time() - start)
 
 
-def score(shot: Shot, methods: dict[str, Render]) -> dict[str, dict[str, float]]:
-    """Return the scores of all methods on a shot with a round aperture."""
-    image, defocus = np.asarray(shot.image, np.float32), np.asarray(shot.defocus, np.float32)
-    pictures = {name: render(image, defocus) for name, render in methods.items()}
-    expected = encode(np.clip(pictures["rays"], 0, 1))
-    scores = {}
-    for name, picture in pictures.items():
-        scores[name] = compare(picture, shot.truth, defocus)
-        scores[name]["to_rays"] = psnr(np.square(encode(np.clip(picture, 0, 1)) - expected))
+def _render(render: Render, shot: Shot) -> np.ndarray:
+    return render(np.asarray(shot.image, np.float32), np.asarray(shot.defocus, np.float32))
+
+
+def score(shot: Shot, render: Render, expected: Callable[[], np.ndarray]) -> dict[str, float]:
+    """Return the scores of a method on a shot with a round aperture; ``expected`` returns the rays'."""
+    picture = _render(render, shot)
+    difference = encode(np.clip(picture, 0, 1)) - encode(np.clip(expected(), 0, 1))
+    scores = compare(picture, shot.truth, np.asarray(shot.defocus, np.float32))
+    return scores | {"to_rays": psnr(np.square(difference))}
+
+
+class _Results:
+    """Results by method and row, in a JSON file that is written after each, so that a run can be resumed."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._rows: dict[str, dict[str, dict[str, float]]] = {}
+        if path is not None and path.exists():
+            self._rows = json.loads(path.read_text(encoding="utf-8"))
+
+    def get(self, name: str, row: str, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
+        """Return a row of a method, measured unless the file has it."""
+        rows = self._rows.setdefault(name, {})
+        if row not in rows:
+            rows[row] = {key: float(value) for key, value in measure().items()}
+            line = "  ".join(f"{key} {value:.2f}" for key, value in rows[row].items())
+            print(f"{row:24s}{name:10s}{line}", flush=True)
+            if self._path is not None:
+                write_text(self._path, json.dumps(self._rows, indent=1) + "\n")
+        return rows[row]
+
+
+def _score_all(
+    folder: Path, count: int, methods: dict[str, Render], results: _Results
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the scores of all methods by method and row, SCENE/NUMBER."""
+    scores: dict[str, dict[str, dict[str, float]]] = {name: {} for name in methods}
+    for path in scene_folders(folder):
+        short = path.name.split("_")[0]
+        shots = [shot for shot in read_shots(path) if shot.aperture.is_disc][:count]
+        for number, shot in enumerate(shots):
+            expected = cache(partial(_render, methods["rays"], shot))
+            for name, render in methods.items():
+                row = f"{short}/{number}"
+                scores[name][row] = results.get(name, row, partial(score, shot, render, expected))
     return scores
 
 
@@ -166,39 +207,37 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=32, help="pupil samples of layered")
     parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
     parser.add_argument("--methods", nargs="+", help="methods to measure beside rays; default: all")
+    parser.add_argument("--results", type=Path, help="JSON file of single results; resumes from it")
     arguments = parser.parse_args()
     methods, sizes = make_methods(arguments.samples)
     if arguments.methods:
         methods = {name: methods[name] for name in ("rays", *arguments.methods)}
-    columns, rows = dict(_COLUMNS), []
-    edges: dict[str, dict[str, float]] = {name: {} for name in methods}
-    for folder in scene_folders(arguments.folder):
-        own = []
-        for shot in [shot for shot in read_shots(folder) if shot.aperture.is_disc][: arguments.shots]:
-            own.append(score(shot, methods))
-            for name, scores in own[-1].items():
-                line = "".join(f"{scores[column]:9.2f}" for column in _COLUMNS)
-                print(f"{folder.name:16s}{name:10s}{line}", flush=True)
-        rows += own
-        short = folder.name.split("_")[0]
-        columns[short] = (f"edge PSNR {short}", ".2f")
-        for name in methods:
-            edges[name][short] = float(np.mean([row[name]["edge_psnr"] for row in own]))
-    means = {name: mean_scores([row[name] for row in rows]) | edges[name] for name in methods}
-    for name, scores in means.items():
-        scores["seconds"] = processor_seconds(name, methods[name])
-        scores["megabytes"] = sizes.get(name, 0.0)
-        columns |= _COSTS
-        line = "".join(f"{scores[column]:9.2f}" for column in columns)
-        print(f"{'mean':16s}{name:10s}{line}", flush=True)
+    results = _Results(arguments.results)
+    scores = _score_all(arguments.folder, arguments.shots, methods, results)
+    columns, means = dict(_COLUMNS), {}
+    for name, render in methods.items():
+        means[name] = mean_scores(list(scores[name].values()))
+        for short in dict.fromkeys(row.split("/")[0] for row in scores[name]):
+            columns[short] = (f"edge PSNR {short}", ".2f")
+            own = [x["edge_psnr"] for row, x in scores[name].items() if row.split("/")[0] == short]
+            means[name][short] = float(np.mean(own))
+        cost = results.get(name, "seconds", partial(_cost, name, render))
+        means[name] |= cost | {"megabytes": sizes.get(name, 0.0)}
+    columns |= _COSTS
+    for name, row in means.items():
+        print(f"{'mean':24s}{name:10s}" + "".join(f"{row[column]:9.2f}" for column in columns), flush=True)
     if arguments.figures:
         chosen = " ".join(["", "--methods", *arguments.methods]) if arguments.methods else ""
         command = f"python -m benchmarks.quality.tensors FOLDER --shots {arguments.shots}{chosen}"
         conditions = (
-            f"{len(rows)} path-traced pictures, true depth, dB of the clipped sRGB picture; "
+            f"{len(scores['rays'])} path-traced pictures, true depth, dB of the clipped sRGB picture; "
             f"time of {_SIZE[0]}x{_SIZE[1]} pixels, blur {_BLUR_PX:g} px"
         )
         write_figures(arguments.figures, command, conditions, columns, means)
+
+
+def _cost(name: str, render: Render) -> dict[str, float]:
+    return {"seconds": processor_seconds(name, render)}
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ same nine sets of pupil samples, so that means over windows of pixels, as in
 :mod:`bokehnet.torch.window_means`, have no noise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -85,7 +85,7 @@ def _dilate(g: Graph, occupied: Value, reach: Value) -> Value:
 
 
 def _find_slabs(g: Graph, layers: GraphLayers, height: Value, width: Value) -> tuple[list[Value], Value]:
-    """Return front, back, high and low of the tiles' slabs, (tiles, _SLABS) each, and the tile columns."""
+    """Return front, back, high and low of the tiles' slabs, (_SLABS, tiles) each, and the tile columns."""
     high = g.op("Max", layers.defocus[0].max(), layers.defocus[1].max())
     low = g.op("Min", layers.defocus[0].min(), layers.defocus[1].min())
     thickness = g.maximum((high - low) / BINS, 1e-3) * (1 + 1e-5)
@@ -119,39 +119,32 @@ def _find_slabs(g: Graph, layers: GraphLayers, height: Value, width: Value) -> t
         upper = g.where(exists, high - thickness * first.astype(np.float32) + margin, -1e9)
         lower = g.where(exists, high - thickness * (last.astype(np.float32) + 1) - margin, 1e9)
         for column, value in zip(values, (front, back, upper, lower), strict=True):
-            column.append(value.reshape(-1, 1))
-    return [g.concat(column, 1) for column in values], columns
+            column.append(value.reshape(1, -1))
+    return [g.concat(column) for column in values], columns
 
 
-def _surface_at(
-    layers_at: Callable[[Value, Value], Value], place: tuple[Value, Value], slab: Slab
-) -> tuple[Value, Value, Value]:
-    """Return coverage, defocus and weighted colour of the surfaces in a slab, from the four pixels around.
+def _surface_at(corners: Iterator[tuple[Value, Value]], slab: Slab) -> tuple[Value, Value, Value]:
+    """Return coverage (N,), defocus (N,) and weighted colours (3, N) of the surfaces in a slab.
 
     Args:
-        layers_at: Function that returns the colours (N, 6), defocus (N, 2) and coverage of both layers at
-            whole columns and rows, as (N, 9).
-        place: Columns and rows, (N,).
+        corners: Weight (N,) of the four pixels around each ray, and their layers (9, N): colours of both,
+            defocus of both, and coverage of the first.
         slab: Slab of each ray.
     """
-    g = place[0].graph
-    left, top = (g.floor(x) for x in place)
-    across, down = place[0] - left, place[1] - top
-    alpha, depth, color = across * 0, across * 0, None
-    for i, down_weight in ((0, 1 - down), (1, down)):
-        for j, across_weight in ((0, 1 - across), (1, across)):
-            layers = layers_at(left + j, top + i)
-            front, back, coverage = (layers.cut(1, c, c + 1).reshape(-1) for c in (6, 7, 8))
-            weight = down_weight * across_weight
-            front_weight = g.where(is_inside(slab, front), weight * coverage, 0)
-            back_weight = g.where(is_inside(slab, back), weight - front_weight, 0)
-            alpha = alpha + front_weight + back_weight
-            depth = depth + front_weight * front + back_weight * back
-            colors = layers.cut(1, 0, 3) * front_weight.reshape(-1, 1)
-            colors = colors + layers.cut(1, 3, 6) * back_weight.reshape(-1, 1)
-            color = colors if color is None else color + colors
-    assert color is not None
-    return alpha, depth / g.maximum(alpha, _EPSILON), color
+    alpha: Value | None = None
+    for weight, layers in corners:
+        g = weight.graph
+        front, back, coverage = (layers.cut(0, c, c + 1).reshape(-1) for c in (6, 7, 8))
+        front_weight = g.where(is_inside(slab, front), weight * coverage, 0)
+        back_weight = g.where(is_inside(slab, back), weight - front_weight, 0)
+        colors = layers.cut(0, 0, 3) * front_weight + layers.cut(0, 3, 6) * back_weight
+        share, moment = front_weight + back_weight, front_weight * front + back_weight * back
+        if alpha is None:
+            alpha, depth, color = share, moment, colors
+        else:
+            alpha, depth, color = alpha + share, depth + moment, color + colors
+    assert alpha is not None
+    return alpha, depth / alpha.graph.maximum(alpha, _EPSILON), color
 
 
 def _trace(
@@ -171,49 +164,49 @@ def _trace(
         row, column = own // width, own % width
         x, y = column.astype(np.float32), row.astype(np.float32)
         first_sample = (row % 3 * 3 + column % 3) * _SAMPLES
-        own_slabs = [table.take(tile.take(own)) for table in slabs]
-        used = (own_slabs[2] > -1e8).astype(np.int64).sum(1).max()
+        own_tile = tile.take(own)
+        own_slabs = [table.take(own_tile, axis=1) for table in slabs]
+        used = (own_slabs[2] > -1e8).astype(np.int64).sum(0).max()
 
-        def index_at(column: Value, row: Value) -> Value:
-            row, column = row.clip(0.0, last_y), column.clip(0.0, last_x)
-            return row.astype(np.int64) * width + column.astype(np.int64)
+        def cells(axis: Value, last: Value) -> Value:
+            return axis.clip(0.0, last).astype(np.int64)
 
         def defocus_at(column: Value, row: Value) -> Sequence[Value]:
-            at = index_at(g.round(column), g.round(row))
+            at = cells(g.round(row), last_y) * width + cells(g.round(column), last_x)
             return [defocus.take(at) for defocus in layers.defocus]
 
-        def layers_at(column: Value, row: Value) -> Value:
-            return table.take(index_at(column, row))
+        def corners_at(column: Value, row: Value) -> Iterator[tuple[Value, Value]]:
+            left, top = g.floor(column), g.floor(row)
+            across, down = column - left, row - top
+            columns = [(1 - across, cells(left, last_x)), (across, cells(left + 1, last_x))]
+            for top_weight, line in ((1 - down, top), (down, top + 1)):
+                start = cells(line, last_y) * width
+                for weight, at in columns:
+                    yield top_weight * weight, table.take(start + at).transpose(1, 0)
 
         def sample(number: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
             at = first_sample + number
             u, v = us.take(at), vs.take(at)
 
             def visit(k: Value, transmitted: Value, *sums: Value) -> tuple[list[Value], list[Value]]:
-                slab = Slab(*(table.take(k, axis=1) for table in own_slabs))
+                slab = Slab(*(table.take(k) for table in own_slabs))
                 s = find_surface(defocus_at, (x, y), (u, v), slab)
-                alpha, depth, color = _surface_at(layers_at, (x - s * u, y - s * v), slab)
+                alpha, depth, color = _surface_at(corners_at(x - s * u, y - s * v), slab)
                 weight = transmitted * alpha
                 radius = abs(depth)
-                shown = g.concat(
-                    [
-                        color * transmitted.reshape(-1, 1),
-                        weight.reshape(-1, 1),
-                        (weight / g.maximum(radius, _SHARP_RADIUS_PX)).reshape(-1, 1),
-                    ],
-                    1,
-                )
+                steepness = weight / g.maximum(radius, _SHARP_RADIUS_PX)
+                shown = g.concat([color * transmitted, weight.reshape(1, -1), steepness.reshape(1, -1)])
                 is_blurred, is_front = radius >= _SHARP_RADIUS_PX, depth > 0
                 groups = (is_blurred & is_front, ~is_blurred, is_blurred & ~is_front)
-                masks = [mask.astype(np.float32).reshape(-1, 1) for mask in groups]
+                masks = [mask.astype(np.float32) for mask in groups]
                 added = [total + shown * mask for total, mask in zip(sums, masks, strict=True)]
                 return [transmitted * (1 - alpha), *added], []
 
             return g.loop(visit, [x * 0 + 1, *sums], times=used)[1:], []
 
-        start = [g.zeros(np.float32, _BLOCK_PIXELS, _NUMBERS) for _ in range(_GROUPS)]
+        start = [g.zeros(np.float32, _NUMBERS, _BLOCK_PIXELS) for _ in range(_GROUPS)]
         sums = g.loop(sample, start, times=g.sizes(_SAMPLES))
-        return [], [g.concat(sums, 1)]
+        return [], [g.concat(sums).transpose(1, 0)]
 
     traced = g.loop(block, [], times=(count + _BLOCK_PIXELS - 1) // _BLOCK_PIXELS)[0]
     return traced.reshape(-1, _GROUPS * _NUMBERS).cut(0, 0, count)
@@ -233,13 +226,14 @@ def _line_sums(g: Graph, sums: Value, reach: int, axis: int) -> Value:
     return total.cut(axis, 0, length) + padded.cut(axis, side, length + side)
 
 
-def _normalised(g: Graph, window: Value) -> Value:
-    weight = sum((window.cut(0, i, i + 1) for i in (8, 13)), window.cut(0, 3, 4))
-    return window / g.maximum(weight, _EPSILON)
-
-
 def _average(g: Graph, windows: list[Value], group: int) -> Value:
-    """Return the widest window that the discs of a group allow, (_GROUPS * _NUMBERS, H, W), normalised."""
+    """Return the widest window that the discs of a group allow, (N, H, W).
+
+    Args:
+        g: Open graph.
+        windows: Means over windows of growing size, (N, H, W).
+        group: Number of the group, whose weight and weight over radius follow three colours.
+    """
     at = group * _NUMBERS + 3
 
     def reach(window: Value) -> Value:
@@ -251,16 +245,19 @@ def _average(g: Graph, windows: list[Value], group: int) -> Value:
         within = g.minimum(reach(result), reach(window))
         step = ((within - last) / (end - last)).clip(0.0, 1.0) * allowed
         allowed = allowed * (step >= 1).astype(np.float32)
-        result, wider = _normalised(g, result), _normalised(g, window)
-        result = result + (wider - result) * step
-    return _normalised(g, result)
+        result = result + (window - result) * step
+    return result
 
 
 def _average_windows(g: Graph, sums: Value) -> Value:
     """Return the picture (3, H, W) of sums (_GROUPS * _NUMBERS, H, W), as in ``torch.window_means``."""
-    windows = [_line_sums(g, _line_sums(g, sums, reach, 2), reach, 1) for reach in _REACHES_PX]
-    front, back = _average(g, windows, 0), _average(g, windows, 2)
-    back_color = back.cut(0, 10, 13) / g.maximum(back.cut(0, 13, 14), _EPSILON)
+    windows = []
+    for reach in _REACHES_PX:
+        window = _line_sums(g, _line_sums(g, sums, reach, 2), reach, 1)
+        weight = sum((window.cut(0, i, i + 1) for i in (8, 13)), window.cut(0, 3, 4))
+        windows.append(window / g.maximum(weight, _EPSILON))
+    front, back = _average(g, windows, 0), _average(g, [window.cut(0, 10, 15) for window in windows], 0)
+    back_color = back.cut(0, 0, 3) / g.maximum(back.cut(0, 3, 4), _EPSILON)
     own = sums.cut(0, 8, 9) + sums.cut(0, 13, 14)
     rest = (sums.cut(0, 5, 8) + sums.cut(0, 13, 14) * back_color) / g.maximum(own, _EPSILON)
     around = front.cut(0, 8, 9) + front.cut(0, 13, 14)
@@ -282,7 +279,7 @@ def render_rays(g: Graph, layers: GraphLayers, error_map: Value) -> Value:
     rows, columns = (g.count_up(side) // TILE for side in (height, width))
     tile = (rows.reshape(-1, 1) * tile_columns + columns.reshape(1, -1)).reshape(-1)
     pixels = g.op("NonZero", error_map.reshape(-1), dtype=np.int64).reshape(-1)
-    used = (slabs[2] > -1e8).astype(np.int64).sum(1).take(tile.take(pixels))
+    used = (slabs[2] > -1e8).astype(np.int64).sum(0).take(tile.take(pixels))
     keys, _ = g.sorted(used * 2**40 + (pixels * -1 + 2**39))  # most slabs first, then in picture order
     pixels = (keys % 2**40 - 2**39) * -1
     traced = _trace(g, layers, slabs, tile, pixels, (height, width))

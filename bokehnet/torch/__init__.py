@@ -5,7 +5,8 @@ the same shape and dtype, differentiable.
 
 Open first: ``occlusion.py``, rays through layers; then ``splatting.py``, without occlusion, and
 ``module.py``, the module for networks. ``aperture.py`` samples the pupil, ``slabs.py`` bounds the search of
-the rays, and ``window_means.py`` averages the rays of blurred surfaces.
+the rays, and ``window_means.py`` averages the rays of blurred surfaces, and
+``gradient_checks.py`` names an operation whose gradient is not finite.
 
 Names are imported on first use, so that ``import bokehnet.torch`` does not import torch.
 """
@@ -16,12 +17,13 @@ from typing import Any
 _HOMES = {
     "BokehBlur": "module",
     "SmoothAperture": "aperture",
+    "checked_gradients": "gradient_checks",
     "layered": "occlusion",
     "scatter": "splatting",
     "split_layers": "occlusion",
 }
 
-__all__ = ["BokehBlur", "SmoothAperture", "layered", "scatter", "split_layers"]
+__all__ = ["BokehBlur", "SmoothAperture", "checked_gradients", "layered", "scatter", "split_layers"]
 
 
 def __getattr__(name: str) -> Any:

@@ -23,6 +23,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.pupil_rays import TILE, Slab, find_surface, is_inside
 from bokehnet.torch.aperture import PupilSamples, SmoothAperture, pupil_samples, vignetting_weight
 from bokehnet.torch.checks import check_map, check_picture, compute_dtype
+from bokehnet.torch.gradient_checks import watch_input, watch_output
 from bokehnet.torch.slabs import find_slabs
 from bokehnet.torch.window_means import GROUPS, SHARP_RADIUS_PX, average_windows
 
@@ -210,12 +211,13 @@ def layered(
     if coverage is None:
         coverage = torch.ones_like(defocus)
     check_map("coverage", coverage, image)
-    colors, radii = [image], [defocus]
+    colors, radii = [watch_input("layered", "image", image)], [watch_input("layered", "defocus", defocus)]
+    coverage = watch_input("layered", "coverage", coverage)
     for number, (hidden, behind) in enumerate(background, 1):
         check_map(f"background colours {number}", hidden, image, image.shape[1])
         check_map(f"background defocus {number}", behind, image)
-        colors.append(hidden)
-        radii.append(behind)
+        colors.append(watch_input("layered", f"background colours {number}", hidden))
+        radii.append(watch_input("layered", f"background defocus {number}", behind))
     dtype = compute_dtype(*colors, *radii, coverage)
     batch, channels, height, width = image.shape
     stacked_colors = torch.stack([color.to(dtype) for color in colors], 1)
@@ -231,7 +233,7 @@ def layered(
     )
     job = _Job(tables, slabs.permute(0, 3, 4, 1, 2).flatten(0, 2), pupil, (height, width))
     sums = _trace(job, sets.flatten().repeat(batch)).view(batch, height, width, GROUPS, channels + 2)
-    return average_windows(sums.permute(0, 3, 4, 1, 2) / samples).to(image.dtype)
+    return watch_output("layered", average_windows(sums.permute(0, 3, 4, 1, 2) / samples).to(image.dtype))
 
 
 def split_layers(image: Tensor, defocus: Tensor) -> tuple[Tensor, Tensor, Background, Tensor]:

@@ -10,6 +10,7 @@ from bokehnet.classical.torch.border import beyond_border, continuation_px, repe
 from bokehnet.optics.aperture import Aperture
 from bokehnet.torch.aperture import PupilSamples, SmoothAperture, pupil_samples, vignetting_weight
 from bokehnet.torch.checks import check_map, check_picture, compute_dtype
+from bokehnet.torch.gradient_checks import watch_input, watch_output
 from bokehnet.torch.occlusion import pupil_sets
 
 __all__ = ["scatter"]
@@ -107,7 +108,8 @@ def scatter(
     check_map("defocus", defocus, image)
     check_whole("seed", seed, 0)
     dtype = compute_dtype(image, defocus)
-    pictures, radii = image.to(dtype), defocus.to(dtype)[:, 0]
+    pictures = watch_input("scatter", "image", image).to(dtype)
+    radii = watch_input("scatter", "defocus", defocus).to(dtype)[:, 0]
     if isinstance(aperture, SmoothAperture):
         pupil = pupil_samples(aperture, samples, radii)
         reach = continuation_px(radii)
@@ -122,4 +124,4 @@ def scatter(
             autograd.scatter(picture.movedim(0, 2), radius, aperture).movedim(2, 0)
             for picture, radius in zip(pictures, radii, strict=True)
         ]
-    return torch.stack(results).to(image.dtype)
+    return watch_output("scatter", torch.stack(results).to(image.dtype))

@@ -88,6 +88,13 @@ def test_focus_is_the_disparity_that_stays_sharp(render, package):
     np.testing.assert_allclose(render(image, disparity, 20, 0.3), expected, rtol=0, atol=2e-5)
 
 
+@pytest.mark.parametrize(("given", "limit"), [(9.0, 5.0), (0.01, 0.2), (-1.0, 0.2)])
+def test_a_gamma_out_of_range_is_clipped(render, given, limit):
+    image, disparity = picture(40, 50), steps(40, 50, 1)
+    clipped = render(image, disparity, 5, gamma=limit)
+    np.testing.assert_array_equal(render(image, disparity, 5, gamma=given), clipped)
+
+
 def test_with_another_gamma_it_is_the_scatter(render):
     image, disparity = picture(50, 60), steps(50, 60, 1)
     expected = (
