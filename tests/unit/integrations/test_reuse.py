@@ -104,9 +104,7 @@ def test_a_warm_renderer_repairs_once(files, repairs):
     for number, focus in enumerate((0.2, 0.8)):
         settings = {**ENGINE, "focus": {"value": focus}, "input": {"disparity": str(files / "disparity.png")}}
         output, picture = str(files / f"{number}.png"), str(files / "image.png")
-        lines.append(
-            json.dumps({"id": number, "picture": picture, "settings": settings, "output": output})
-        )
+        lines.append(json.dumps({"id": number, "picture": picture, "settings": settings, "output": output}))
     responses = io.StringIO()
     WarmRenderer(responses).process(lines)
     assert responses.getvalue().count('"result"') == 2, responses.getvalue()
@@ -153,7 +151,9 @@ def test_comfyui_nodes_repair_once(picture, repairs, nodes):
         "invert": False,
     }
     first, second = nodes.BokehRender(), nodes.BokehRender()
-    pictures = [node.render(focus, **common)[0] for node, focus in ((first, 0.2), (first, 0.8), (second, 0.2))]
+    pictures = [
+        node.render(focus, **common)[0] for node, focus in ((first, 0.2), (first, 0.8), (second, 0.2))
+    ]
     assert len(repairs) == 1
     assert torch.equal(pictures[0], pictures[2])
     assert not torch.equal(pictures[0], pictures[1])
