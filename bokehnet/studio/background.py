@@ -1,11 +1,12 @@
 """Background process for long tasks, by default at low priority, which leaves the cores to quick tasks."""
 
 import contextlib
+import importlib
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import monotonic
 from typing import Any, Protocol
 
@@ -37,10 +38,11 @@ class BackgroundProcess:
 
     Args:
         niceness: Added to the niceness of the process; 0 keeps normal priority.
+        modules: Modules of its tasks, which the process imports at its start.
     """
 
-    def __init__(self, niceness: int = _NICENESS) -> None:
-        self._niceness = niceness
+    def __init__(self, niceness: int = _NICENESS, modules: Sequence[str] = ()) -> None:
+        self._niceness, self._modules = niceness, tuple(modules)
         self._turn = threading.Lock()
         self._context = multiprocessing.get_context("spawn")
         self._number = 0
@@ -132,19 +134,26 @@ class BackgroundProcess:
         self._pipe, worker_end = self._context.Pipe()
         self._current = self._context.Value("q", 0)
         self._process = self._context.Process(
-            target=_serve, args=(worker_end, self._current, self._niceness), daemon=True
+            target=_serve,
+            args=(worker_end, self._current, self._niceness, self._modules),
+            daemon=True,
         )
         self._process.start()
         worker_end.close()  # so that the pipe closes with the process
 
 
-def _serve(pipe: Any, current: Any, niceness: int) -> None:
-    """Run tasks from the pipe until it closes; main function of the process."""
+def _serve(pipe: Any, current: Any, niceness: int, modules: Sequence[str]) -> None:
+    """Run tasks from the pipe until it closes; main function of the process.
+
+    Arguments are those of :class:`BackgroundProcess`, and its pipe and the number of its current task.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
     if hasattr(os, "nice"):
         os.nice(niceness)
     if hasattr(os, "sysconf"):
         limit_address_space(int(_MEMORY_FRACTION * os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
+    for module in modules:
+        importlib.import_module(module)
     while True:
         try:
             number, task, arguments, seconds = pipe.recv()

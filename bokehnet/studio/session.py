@@ -35,6 +35,9 @@ __all__ = ["Session"]
 
 _MAX_OPENING_SECONDS = 90.0
 _MAX_ESTIMATE_SECONDS = 900.0
+# Modules of the tasks of two background processes.
+_FILE_TASKS = "bokehnet.studio.opened", "bokehnet.studio.export"
+_PREVIEW_TASKS = ("bokehnet.studio.preview.preview",)
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
 
 
@@ -47,9 +50,9 @@ class Session:
         settings: Settings of the render.
         previews: Renderer of previews.
         preset: Name of the selected preset; empty without one.
-        slow: Background process for opening, repair and the estimate of light.
+        slow: Background process for repair, the estimate of light, and opening during an export.
         fine: Background process for final previews and thumbnails.
-        exporter: Background process for export, at normal priority.
+        exporter: Background process for opening and export, at normal priority, as users wait for both.
         jobs: State and progress of repair, light, depth estimate and export.
     """
 
@@ -60,7 +63,8 @@ class Session:
         self.settings = RenderSettings()
         self.preset = ""
         self.initial: dict[str, dict[str, Any]] = {}
-        self.slow, self.fine, self.exporter = BackgroundProcess(), BackgroundProcess(), BackgroundProcess(0)
+        self.slow, self.fine = BackgroundProcess(), BackgroundProcess(modules=_PREVIEW_TASKS)
+        self.exporter = BackgroundProcess(0, modules=_FILE_TASKS)
         self.previews = Previews(self.fine)
         self._lock = threading.Lock()
         self._export_stop = threading.Event()
@@ -75,7 +79,7 @@ class Session:
 
     def start(self) -> None:
         """Start the background processes in advance."""
-        self.slow.start()
+        self.exporter.start()
         self.fine.start()
         self.previews.prepare_shapes(self.with_preset(name).aperture for name in presets())
 
@@ -141,12 +145,13 @@ class Session:
         self, path: Path, settings: RenderSettings, fallback: RenderSettings | None, seconds: float
     ) -> Any:
         """Return the scene of a picture and its complete settings."""
+        process = self.slow if self.jobs["export"]["state"] == "running" else self.exporter
         try:
-            return self.slow.run(open_picture, path, settings, seconds=seconds)
+            return process.run(open_picture, path, settings, seconds=seconds)
         except BokehnetError:
             if fallback is None:
                 raise
-        return self.slow.run(open_picture, path, fallback, seconds=seconds)
+        return process.run(open_picture, path, fallback, seconds=seconds)
 
     def with_look(self, inputs: Mapping[str, Any]) -> RenderSettings:
         """Return the settings of a new picture: its depth, and the look of the selected preset."""

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -152,8 +153,14 @@ def _line(report: RenderReport) -> str:
     return line
 
 
+@cache
+def _shared_renderer() -> BokehRenderer:
+    """Return the renderer of all nodes, which repairs the map of a picture once."""
+    return BokehRenderer()
+
+
 class RenderNode:
-    """A renderer that stays loaded with its node, and the frames of one run."""
+    """A renderer that stays loaded, and the frames of one run."""
 
     CATEGORY: ClassVar[str] = CATEGORY
     FUNCTION: ClassVar[str] = "render"
@@ -161,7 +168,7 @@ class RenderNode:
     RETURN_NAMES: ClassVar[tuple[str, ...]] = _NAMES
 
     def __init__(self) -> None:
-        self._renderer = BokehRenderer()
+        self._renderer = _shared_renderer()
 
     def results(
         self, scenes: Iterable[Scene], settings: Sequence[RenderSettings], plan: RepairPlan | None = None

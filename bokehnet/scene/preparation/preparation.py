@@ -12,7 +12,6 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
-from bokehnet.light.recovery import RecoveredLight
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
 from bokehnet.scene.black_bars import BlackBars
@@ -23,7 +22,7 @@ from bokehnet.scene.fringes import fringe_surfaces
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
-from bokehnet.scene.preparation.recovered_light import bars_of, recovered_light
+from bokehnet.scene.preparation.recovered_light import LightAtPixels, bars_of, light_at_pixels
 from bokehnet.scene.preparation.rendered_size import (
     at_rendered_size,
     rendered_surfaces,
@@ -82,7 +81,7 @@ class _Picture:
         known: Both surfaces of pixels at edges, in the unit of the map, where they are known.
         pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
         subject: Function that returns the subject.
-        light: Picture with the clipped light recovered.
+        light: Recovered light of the clipped pixels.
         bars: Black bars around these arrays; None without bars.
     """
 
@@ -92,7 +91,7 @@ class _Picture:
     known: KnownSurfaces | None
     pixel_filter: FilterChoice | None
     subject: Callable[[], Subject]
-    light: RecoveredLight
+    light: LightAtPixels
     bars: BlackBars | None = None
 
 
@@ -172,8 +171,11 @@ def _prepare_picture(
         digests = (array_digest(original.image), array_digest(original.depth.values), original.supersampled)
     key = (digests, scene.depth.kind, scene.depth.filtered, scene.depth.fits_any_size, settings.depth)
     is_read = scene.depth.kind == "defocus" or is_exact(scene)  # no copy of a map that is used as it is
-    final = (PictureCache(0) if is_read else cache).get(
-        ("map", *key), lambda: _final_map(scene, settings, report, repairer, plan), lambda map: map.values
+    maps = PictureCache(0) if is_read else cache
+    final = maps.get(
+        ("map", *key),
+        lambda: _final_map(scene, settings, report, repairer, plan, is_kept=maps.max_bytes > 0),
+        lambda map: map.values,
     )
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):
@@ -195,8 +197,7 @@ def _prepare_picture(
     sums = None if known_light is None else array_digest(known_light)
     light = cache.get(
         ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
-        lambda: recovered_light(scene, final.values, settings.highlights, bars),
-        lambda light: light.image if light.fraction else np.zeros(0),
+        lambda: light_at_pixels(scene, final.values, settings.highlights, bars),
     )
     return _Picture(
         original=original,
@@ -214,7 +215,7 @@ def _prepare_picture(
     )
 
 
-def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Array:
+def _light_of_blurred(image: Array, light: LightAtPixels, defocus: Array) -> Array:
     """Return a picture with the recovered light of what is blurred.
 
     What is in focus stays as the camera recorded it: its recovered light would only be clipped again, in
@@ -225,14 +226,14 @@ def _light_of_blurred(image: Array, light: RecoveredLight, defocus: Array) -> Ar
         light: Recovered light.
         defocus: Signed blur radius, pixels, (H, W).
     """
-    if not light.fraction:
-        return light.image
+    if not light.pixels.size:
+        return image
     low, high = _RECOVERED_RADII_PX
     radii = np.abs(defocus).reshape(-1)[light.pixels]
     weight = np.clip((radii - low) / (high - low), 0, 1).astype(np.float32)
     result = image.copy()
     shown, stored = result.reshape(-1, 3), image.reshape(-1, 3)[light.pixels]
-    shown[light.pixels] = stored + weight[:, None] * (light.image.reshape(-1, 3)[light.pixels] - stored)
+    shown[light.pixels] = stored + weight[:, None] * (light.values - stored)
     return result
 
 
@@ -303,14 +304,22 @@ def _final_map(
     report: Progress,
     repairer: Callable[[], DisparityRepair],
     plan: RepairPlan | None,
+    *,
+    is_kept: bool,
 ) -> _Map:
-    """Return the map of a scene at the size of its picture, repaired if the settings say so."""
+    """Return the map of a scene at the size of its picture, repaired if the settings say so.
+
+    A map that is kept shares no memory with its scene, whose arrays the caller may change.
+    """
     values = map_at_picture_size(scene, settings.depth)
     ends = float(values.min()), float(values.max())
-    if not is_repaired(scene, settings.depth):
-        return _Map(values, ends)
-    repair = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
-    return _Map(repair.disparity, ends, repair.repaired, repair.reason, repair.plan)
+    final = _Map(values, ends)
+    if is_repaired(scene, settings.depth):
+        repair = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
+        final = _Map(repair.disparity, ends, repair.repaired, repair.reason, repair.plan)
+    if is_kept and np.may_share_memory(final.values, scene.depth.values):
+        return final._replace(values=final.values.copy())
+    return final
 
 
 def _focus_again(picture: _Picture, settings: RenderSettings, **changes: Any) -> FocusedScene:

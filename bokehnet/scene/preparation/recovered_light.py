@@ -1,5 +1,7 @@
 """Clipped light of a photograph: measured by its gain map, or estimated from it or from its shot."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,7 +11,48 @@ from bokehnet.scene.black_bars import BlackBars, find_black_bars
 from bokehnet.scene.scene import Scene
 from bokehnet.settings.settings import HighlightSettings, InputSettings
 
-__all__ = ["bars_of", "frame_light", "is_photograph", "recovered_light"]
+__all__ = ["LightAtPixels", "bars_of", "frame_light", "is_photograph", "light_at_pixels", "recovered_light"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LightAtPixels:
+    """Recovered light of the clipped pixels alone, independent of the arrays of its scene.
+
+    Attributes:
+        pixels: Indices of the brightened pixels in the flattened picture, (N,).
+        values: Their scene-linear light, (N, 3).
+        note: Summary in a few words; empty if nothing was recovered.
+    """
+
+    pixels: npt.NDArray[np.intp]
+    values: npt.NDArray[np.float32]
+    note: str
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays."""
+        return self.pixels.nbytes + self.values.nbytes
+
+
+def light_at_pixels(
+    scene: Scene,
+    nearness: npt.NDArray[np.float32],
+    highlights: HighlightSettings,
+    bars: BlackBars | None = None,
+) -> LightAtPixels:
+    """Return the recovered light of the clipped pixels; arguments as :func:`recovered_light`.
+
+    Examples:
+        >>> from bokehnet.scene.depth.depth_source import RelativeDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> near = np.zeros((8, 8), np.float32)
+        >>> scene = make_scene(np.ones((8, 8, 3), np.float32), RelativeDisparity(map=near))
+        >>> light_at_pixels(scene, near, HighlightSettings()).nbytes  # no photograph
+        0
+    """
+    light = recovered_light(scene, nearness, highlights, bars)
+    values = light.image.reshape(-1, 3)[light.pixels]
+    return LightAtPixels(pixels=light.pixels, values=values, note=light.note)
 
 
 def recovered_light(

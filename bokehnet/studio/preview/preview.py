@@ -123,7 +123,7 @@ class Previews:
         self._latest: dict[str, threading.Event] = {}
         # Aperture shapes whose tables are prepared in this process, except plain discs.
         self._ready: deque[ApertureSettings] = deque(maxlen=MAX_CACHED_APERTURES - 1)
-        self._closed = threading.Event()
+        self._closed, self._settled = threading.Event(), threading.Event()
 
     def begin(self, client: str) -> threading.Event:
         """Return the cancellation signal of a new preview, and cancel the previous one of the same page."""
@@ -141,14 +141,16 @@ class Previews:
         return self.begin(_THUMBNAIL)
 
     def prepare_shapes(self, shapes: Iterable[ApertureSettings]) -> None:
-        """Prepare the tables of aperture shapes in the background, one after the other."""
+        """Prepare the tables of aperture shapes after the first picture, one after the other."""
         threading.Thread(target=self._prepare_all_shapes, args=(tuple(shapes),), daemon=True).start()
 
     def close(self) -> None:
         """Stop preparing tables."""
         self._closed.set()
+        self._settled.set()
 
     def _prepare_all_shapes(self, shapes: tuple[ApertureSettings, ...]) -> None:
+        self._settled.wait()  # the tables take seconds of a core, for which the first picture should not wait
         for shape in shapes:
             if self._closed.wait(_TABLE_PAUSE):
                 return
@@ -201,6 +203,7 @@ class Previews:
         if engine != "scatter":
             task = (scene, scaled, opened.space, shown, "final")
             yield _crop(self._background.run(refine, *task, progress=progress, cancel=cancel), inside)
+        self._settled.set()
         if not ready and not cancel.is_set():
             self._prepare_shape(quick.aperture)
 

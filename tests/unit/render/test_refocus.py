@@ -1,6 +1,7 @@
 """Renders of a picture that the renderer knows, checked bit by bit against fresh renders."""
 
 import pickle
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -96,6 +97,42 @@ def test_what_the_repair_depends_on_misses_the_cache(scene, repairs):
     other.image[5, 5] = 0
     renderer.render(other, SETTINGS)  # changed in place
     assert len(repairs) == 3
+
+
+def copy_of(scene):
+    """Return a scene with equal arrays of its own."""
+    source = RelativeDisparity(map=scene.depth.values.copy(), as_stored=True)
+    return make_scene(scene.image.copy(), source)
+
+
+def test_a_render_that_overwrites_its_scene_leaves_the_kept_picture_intact(scene, repairs):
+    bounded = {"engine": {"max_memory": "2G"}, "highlights": {"threshold": 0.5}}  # brightens in place
+    settings, renderer = SETTINGS.updated(bounded), BokehRenderer("scatter")
+    first, second = (
+        renderer.render(renderer.prepare(copy_of(scene), settings), settings, overwrite=True).bokeh.copy()
+        for _ in range(2)
+    )
+    assert_array_equal(first, second)
+    assert len(repairs) == 1
+
+
+def test_a_map_that_its_owner_changes_leaves_the_kept_one_intact(scene):
+    settings, renderer = SETTINGS.updated({"depth": {"repair": "off"}}), BokehRenderer("scatter")
+    changed = copy_of(scene)
+    first = renderer.render(changed, settings).bokeh
+    changed.depth.values[:] = 0
+    assert_array_equal(renderer.render(copy_of(scene), settings).bokeh, first)
+
+
+@pytest.mark.parametrize("engine", ["rays", "scatter"])
+def test_a_renderer_keeps_no_picture_beyond_its_bound(scene, engine):
+    renderer = BokehRenderer(engine)
+    passing = copy_of(scene)
+    image = weakref.ref(passing.image)
+    renderer.render(passing, SETTINGS)
+    del passing
+    assert image() is None
+    assert renderer._pictures.nbytes < 3 * scene.image.nbytes
 
 
 def test_threads_and_pickles_render_the_same_bits(scene):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -267,7 +268,7 @@ def test_commands_of_the_documentation_are_steps_of_the_recipe():
 @pytest.mark.train
 @pytest.mark.timeout(900)
 def test_the_small_recipe_learns(tmp_path):
-    """Held-out scenes: better than the classical picture, which is doing nothing, from the first check on."""
+    """Validation and test scenes: better than the classical picture, which is doing nothing."""
     line = [sys.executable, "-m", "train.recipe", "--small", "--out", str(tmp_path)]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
@@ -276,6 +277,17 @@ def test_the_small_recipe_learns(tmp_path):
     assert len(gains) >= 3
     assert min(gains) > 0.1
     assert gains[-1] > 0.2
+    assert (tmp_path / "runs/scores_test.json").exists()
+
+
+def test_the_test_scenes_of_the_small_recipe_share_nothing_with_its_other_scenes():
+    sets = [
+        tomllib.loads((ROOT / f"configs/synth_small{suffix}.toml").read_text())
+        for suffix in ("", "_val", "_test")
+    ]
+    photographs = [name for one in sets for name in one["scene"]["photographs"]]
+    assert len(set(photographs)) == len(photographs)
+    assert len({one["seed"] for one in sets}) == 3
 
 
 @pytest.mark.slow
