@@ -41,9 +41,9 @@ from bokehnet.depth_repair.stages.deblur import (
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
-from bokehnet.depth_repair.stages.register import Placement
+from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
-from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures, thin_fraction
+from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.progress import Progress, ignore_progress
@@ -134,7 +134,8 @@ class DisparityRepair:
             mode: "on" repairs everywhere. "auto" moves edges only where the picture agrees better with their
                 new place (:func:`bokehnet.depth_repair.acceptance.accepted_blocks`). "off" changes nothing.
             progress: Callback with (steps done, total steps); an exception from it ends the repair.
-            plan: Decisions for the whole shot, which "auto" follows. Default: decide from this map.
+            plan: Decisions for the whole shot, which "auto" follows: the errors of its maps. Places are
+                accepted in each frame. Default: decide from this map.
 
         Raises:
             ShapeError: The shapes are not (H, W, 3) and (H, W) of one size.
@@ -179,11 +180,9 @@ class DisparityRepair:
         if plan is None:
             diagnosis = diagnose(colors, start, noise, softness, config)
         else:
-            down, right = (round(pixels / scale) for pixels in plan.offset)
-            placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
-            diagnosis = Diagnosis(noise=noise, softness=softness, placement=placement)
-        decides = mode == "auto" and plan is None
-        if decides and diagnosis.certainty < config.min_certainty:
+            diagnosis = _planned_diagnosis(plan, noise, scale)
+        decides = mode == "auto"
+        if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
         proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
@@ -197,7 +196,7 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
-        if decides and self._lacks_thin_structures(diagnosis.placement.apply(start)):
+        if decides and "grow" in config.stages and diagnosis.thin_fraction < config.max_thin_fraction:
             grown = grow_thin_structures(
                 colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
             )
@@ -222,7 +221,7 @@ class DisparityRepair:
                 pictures[level].transpose(1, 2, 0), maps[level], proposal, change, allowed, sharpen=is_soft
             )
         progress(1000, 1000)
-        reason = "" if decides else "asked for" if plan is None else "as most of the shot"
+        reason = "as most of the shot" if plan is not None else "" if decides else "asked for"
         accepted_fraction = 1.0 if is_soft else float(blocks.mean())
         return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
 
@@ -257,11 +256,6 @@ class DisparityRepair:
             hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
             repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
         return repaired
-
-    def _lacks_thin_structures(self, placed: np.ndarray) -> bool:
-        """Return whether a map has lost its thin structures, so that they are grown."""
-        config, min_height = self._config, MIN_EDGE_HEIGHT * float(np.ptp(placed))
-        return "grow" in config.stages and thin_fraction(placed, min_height) < config.max_thin_fraction
 
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
@@ -307,6 +301,20 @@ def _enlarged(blocks: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return blocks[rows[:, None], columns]
 
 
+def _planned_diagnosis(plan: RepairPlan, noise: float, scale: int) -> Diagnosis:
+    """Return the diagnosis of all maps of a shot at 1 / ``scale`` of their size."""
+    down, right = (round(pixels / scale) for pixels in plan.offset)
+    placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
+    local = Placement(growth=round(plan.local_shift / scale))
+    return Diagnosis(
+        noise=noise,
+        softness=plan.softness,
+        placement=placement,
+        candidates=(placement, local) if placement == NO_PLACEMENT != local else (placement,),
+        thin_fraction=plan.thin_fraction,
+    )
+
+
 def _result(
     disparity: np.ndarray,
     accepted_fraction: float,
@@ -333,6 +341,8 @@ def _result(
         shift=scale * placement.growth,
         offset=(scale * down, scale * right),
         noise=diagnosis.noise,
+        local_shift=scale * sum(candidate.growth for candidate in diagnosis.candidates[1:]),
+        thin_fraction=diagnosis.thin_fraction,
     )
     noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
     return RepairedMap(
