@@ -6,8 +6,8 @@ time-of-flight maps, maps with missing bands and outliers, random maps, and side
 ``--ablate`` switches off every stage in turn. Figures are edge PSNR of the ray engine against path-traced
 pictures, dB; at 2560 pixels the fraction of changed pixels near edges. ``--data FOLDER`` evaluates faults on
 other path-traced scenes, in the layout of :func:`train.scores.evaluation_sets.path_traced_shots`.
-``--sequence`` compares the gain on each faulty map as a still and as a frame of a pan, whose plan is the common
-one of crops, and prints the fraction of pixels in which both maps differ.
+``--sequence`` compares the gain on each faulty map as a still and as a frame of a pan, whose plan is the
+common one of crops, and prints the fraction of pixels in which both maps differ.
 """
 
 import argparse

@@ -204,7 +204,7 @@ class DisparityRepair:
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
         if is_soft and "values" in config.stages:
-            proposal = self._fit_values(small, proposal, diagnosis.placement)
+            proposal = _fitted_values(small, proposal, diagnosis.placement)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -265,11 +265,8 @@ class DisparityRepair:
         A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
         input is better if only blur makes thin structures seem larger.
         """
-        stages, min_height = self._config.stages, MIN_EDGE_HEIGHT * span
-        versions = []
-        for growth in sorted({0, placement.growth}, key=abs):
-            placed = replace(placement, growth=growth).apply(soft)
-            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
+        stages, versions = self._config.stages, []
+        for placed, mask in _soft_versions(soft, placement, span):
             blur, values = estimate_blur(placed, repaired, mask), repaired
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
@@ -278,15 +275,26 @@ class DisparityRepair:
         best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
         return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
 
-    def _fit_values(self, soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
-        """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
-        min_height, estimates = MIN_EDGE_HEIGHT * float(np.ptp(soft)), []
-        for growth in {0, placement.growth}:
-            placed = replace(placement, growth=growth).apply(soft)
-            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
-            estimates.append((estimate_blur(placed, repaired, mask), placed, mask))
-        blur, placed, mask = min(estimates, key=lambda estimate: estimate[0].residual)
-        return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
+
+def _soft_versions(
+    soft: np.ndarray, placement: Placement, span: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return a soft map placed without and, if it has any, with its growth, and its pixels at soft edges."""
+    growths = sorted({0, placement.growth}, key=abs)
+    maps = [replace(placement, growth=growth).apply(soft) for growth in growths]
+    masks = [soft_pixels(values, MIN_EDGE_HEIGHT * span) for values in maps]
+    return [
+        (values, local_extremes(mask, _SOFT_DILATION_PX)[1]) for values, mask in zip(maps, masks, strict=True)
+    ]
+
+
+def _fitted_values(soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
+    """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
+    versions = _soft_versions(soft, placement, float(np.ptp(soft)))
+    estimates = [estimate_blur(placed, repaired, mask) for placed, mask in versions]
+    blur = min(estimates, key=lambda estimate: estimate.residual)
+    placed, mask = versions[estimates.index(blur)]
+    return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:
