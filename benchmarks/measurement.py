@@ -11,7 +11,15 @@ import numpy as np
 
 from bokehnet.tools.peak_memory import PeakMemory, memory_status
 
-__all__ = ["extra_memory", "in_own_process", "median_seconds", "peak_memory", "scene", "time_in_turns"]
+__all__ = [
+    "extra_memory",
+    "in_own_process",
+    "median_seconds",
+    "peak_memory",
+    "processor_seconds",
+    "scene",
+    "time_in_turns",
+]
 
 
 def scene(width: int, height: int, blur: float) -> tuple[np.ndarray, np.ndarray]:
@@ -50,6 +58,16 @@ def time_in_turns(runs: dict[str, Callable[[], Any]], rounds: int) -> list[dict[
 def median_seconds(run: Callable[[], Any], repeats: int) -> float:
     """Return the median time of one run, seconds."""
     return statistics.median(row["run"] for row in time_in_turns({"run": run}, repeats))
+
+
+def processor_seconds(run: Callable[[], Any], repeats: int = 3) -> float:
+    """Return the median processor time of one run, seconds, which other programs change less than time."""
+    seconds = []
+    for _ in range(repeats):
+        start = time.process_time()
+        run()
+        seconds.append(time.process_time() - start)
+    return statistics.median(seconds)
 
 
 def peak_memory() -> int:

@@ -15,7 +15,11 @@ __all__ = ["PAGES", "filled"]
 
 ROOT = Path(__file__).parents[1]
 FIGURES = ROOT / "docs/figures"
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "bokehnet/weights/MODEL_CARD.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 
 _TABLE = re.compile(
     r"(<!-- figures: ([\w-]+)(?: \| ([\w, ]+))? -->\n).*?(<!-- end figures -->)", re.DOTALL | re.MULTILINE

@@ -12,8 +12,8 @@ from bokehnet.models.arnet import ARNetConfig
 from train.data.crops import DataConfig, PreparedCrops
 from train.data.prepared import check_features
 from train.run.command import run_command
+from train.run.schedule import OptimConfig
 from train.run.task import Task, run_task
-from train.schedule import OptimConfig
 from train.scores.losses import ERROR_TARGETS, LossWeights, arnet_loss, measured_error
 from train.scores.validation import held_out_examples, score_coarse_to_fine
 

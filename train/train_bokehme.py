@@ -28,8 +28,8 @@ from bokehnet.models.checkpoint import load_network
 from train.data.crops import DataConfig, PreparedCrops
 from train.run.command import run_command
 from train.run.logbook import over_held_out
+from train.run.schedule import OptimConfig
 from train.run.task import Task, run_task
-from train.schedule import OptimConfig
 from train.scores.losses import bokehme_loss
 from train.scores.metrics import compare, mean_scores
 from train.scores.validation import HeldOut, held_out_examples

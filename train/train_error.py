@@ -14,8 +14,8 @@ from bokehnet.models.error import FEATURES, ErrorNetConfig
 from train.data.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
 from train.run.command import run_command
 from train.run.logbook import over_held_out
+from train.run.schedule import OptimConfig
 from train.run.task import Task, run_task
-from train.schedule import OptimConfig
 
 __all__ = ["ErrorRun", "error_loss", "main", "reliability", "true_error"]
 

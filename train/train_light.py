@@ -13,8 +13,8 @@ from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.models.light import CLOSED_FORM, LightNetConfig
 from train.data.light_data import LightDataConfig, LightExamples, held_out_regions
 from train.run.command import run_command
+from train.run.schedule import OptimConfig
 from train.run.task import Task, run_task
-from train.schedule import OptimConfig
 
 __all__ = ["LightRun", "disc_error", "light_loss", "main"]
 

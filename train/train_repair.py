@@ -12,8 +12,8 @@ from bokehnet.models.repair import FLAT, RepairNet, RepairNetConfig, extremes
 from train.data.repair_data import RepairDataConfig, held_out_repairs, repair_source
 from train.run.command import run_command
 from train.run.logbook import over_held_out
+from train.run.schedule import OptimConfig
 from train.run.task import Task, run_task
-from train.schedule import OptimConfig
 
 __all__ = ["RepairRun", "main", "repair_loss"]
 

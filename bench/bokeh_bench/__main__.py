@@ -9,7 +9,7 @@ from typing import Any
 
 from bokeh_bench.dataset import TRACKS, make_scene, prepare
 from bokeh_bench.files import BenchError
-from bokeh_bench.leaderboard import read_results, run, table
+from bokeh_bench.leaderboard import add_to_board, read_results, run, table
 from bokeh_bench.methods import BUILTIN, by_command, by_function
 from bokeh_bench.page import write_page
 from bokeh_bench.scenes import RECIPES
@@ -90,8 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         elif options.action == "table":
             sys.stdout.write(table(_results(options)) + "\n")
         elif options.action == "board":
-            kept = [{key: each[key] for key in each if key != "rows"} for each in _results(options)]
-            LEADERBOARD.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+            add_to_board(LEADERBOARD, read_results(options.results))
         elif options.action == "page":
             path = write_page(_results(options), options.folder, options.pictures, options.out)
             sys.stdout.write(f"{path}\n")

@@ -17,7 +17,7 @@ from bokeh_bench.methods import Method
 from bokeh_bench.metrics import METRICS, edge_mask, scores
 from bokeh_bench.tracing import blur_radius
 
-__all__ = ["read_results", "run", "table"]
+__all__ = ["add_to_board", "read_results", "run", "table"]
 
 _VERSIONS = {package: version(package) for package in ("numpy", "pillow")}
 
@@ -107,6 +107,14 @@ def read_results(paths: Sequence[Path]) -> list[dict[str, Any]]:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BenchError(f"{path}: expected a result of benchmark {VERSION}: {error}") from error
     return results
+
+
+def add_to_board(board: Path, results: Sequence[dict[str, Any]]) -> None:
+    """Write the means of results into a leaderboard file; methods of other names and this version stay."""
+    rows = json.loads(board.read_text(encoding="utf-8")) if board.is_file() else []
+    kept = {row["method"]: row for row in rows if row["benchmark"] == VERSION}
+    kept |= {each["method"]: {key: each[key] for key in each if key != "rows"} for each in results}
+    board.write_text(json.dumps(list(kept.values()), indent=1) + "\n", encoding="utf-8")
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:

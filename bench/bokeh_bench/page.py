@@ -33,6 +33,7 @@ function fill(select, values) {
 fill(pick('scene'), data.scenes); fill(pick('track'), data.tracks);
 fill(pick('left'), data.methods); fill(pick('right'), data.methods);
 pick('left').value = 'truth';
+pick('right').value = data.methods[1];
 function name(method) {
   const scene = pick('scene').value;
   const end = method === 'truth' ? '' : `_${pick('track').value}`;

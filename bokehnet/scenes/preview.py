@@ -5,8 +5,9 @@ Source: thesis 001, appendix B, the previewer of BokehLab, which rotates a scene
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from bokehnet.lenses import catalog_names
 from bokehnet.raytrace.camera import Camera, Pose
 from bokehnet.raytrace.draft import draft_light
 from bokehnet.raytrace.tracer import Tracer, lens_rays
-from bokehnet.scenes.reader import read_camera, read_scene
+from bokehnet.scenes.mesh_scene import mesh_scene
+from bokehnet.scenes.reader import read_camera, read_scene_table
 from bokehnet.scenes.tables import LensTable, SceneTable
 
 __all__ = ["ScenePreview", "View"]
@@ -71,7 +73,7 @@ class ScenePreview:
     """Scene file opened for a preview.
 
     Args:
-        path: Scene file, TOML; see :mod:`bokehnet.scenes.tables`.
+        path: Scene file, TOML; see :mod:`bokehnet.scenes.tables`. Or a mesh file; see :func:`mesh_scene`.
 
     Raises:
         ConfigError: Anything in the scene is wrong.
@@ -80,8 +82,9 @@ class ScenePreview:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self._table = load_config(self.path, SceneTable)
-        self._job = read_scene(self.path)
+        is_mesh = self.path.suffix.lower() != ".toml"
+        self._table = mesh_scene(self.path) if is_mesh else load_config(self.path, SceneTable)
+        self._job = read_scene_table(self.path, self._table)
         self._camera_of = lru_cache(_CACHED_CAMERAS)(self._make_camera)
         self._pivot = self._pivot_distance()
 
@@ -90,7 +93,7 @@ class ScenePreview:
         """Lens of the scene file."""
         return self._table.lens
 
-    @property
+    @cached_property
     def lenses(self) -> list[str]:
         """Names of lenses to choose from: the scene's own, thin, and the catalog's."""
         return list(dict.fromkeys([self._table.lens.name, "thin", *catalog_names(mirrors=False)]))
@@ -111,7 +114,8 @@ class ScenePreview:
         The lens is ideal: a real one needs its effective pupil, a second after each change of the focus.
         """
         camera = self._camera(view, ideal=True)
-        light, depth = self._pinhole(camera)
+        with _one_torch_thread():
+            light, depth = self._pinhole(camera)
         defocus = np.asarray(camera.lens.coc_radius(1 / depth) / camera.pixel_pitch, np.float32)
         limit = _MAX_DRAFT_BLUR * camera.width
         return np.asarray(scatter(light, np.clip(np.nan_to_num(defocus), -limit, limit)))
@@ -146,7 +150,8 @@ class ScenePreview:
 
     def focus_at(self, view: View, x: float, y: float) -> float:
         """Return the depth, m, of the surface at a point, fractions of the picture; inf without one."""
-        depth = self._pinhole(self._camera(view, ideal=True))[1]
+        with _one_torch_thread():
+            depth = self._pinhole(self._camera(view, ideal=True))[1]
         row, column = (
             min(max(int(part * size), 0), size - 1) for part, size in zip((y, x), depth.shape, strict=True)
         )
@@ -192,3 +197,14 @@ class ScenePreview:
             depth = self._pinhole(replace(self._job.camera, width=1, height=1))[1]
             focus = float(depth[0, 0]) / _MM_PER_M
         return (focus if math.isfinite(focus) else _FALLBACK_PIVOT) * _MM_PER_M
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Use one thread in torch: those of small tensors wait for each other, most of all beside a browser."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

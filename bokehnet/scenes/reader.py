@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bokehnet.checks import check_above, check_at_least, check_choice
+from bokehnet.checks import check_above, check_at_least, check_choice, check_number, check_numbers
 from bokehnet.config import dump_json, load_config
 from bokehnet.errors import (
     ConfigError,
@@ -44,7 +44,7 @@ from bokehnet.scenes.tables import (
     SceneTable,
 )
 
-__all__ = ["SceneJob", "read_camera", "read_scene"]
+__all__ = ["SceneJob", "read_camera", "read_scene", "read_scene_table"]
 
 _MM_PER_M = 1000.0
 
@@ -101,7 +101,18 @@ def read_scene(
         MissingExtraError: The scene has meshes, and trimesh or Embree is not installed.
     """
     path = Path(path)
-    return _Reader(path, load_config(path, SceneTable, overrides), torch.device(device)).read()
+    return read_scene_table(path, load_config(path, SceneTable, overrides), device)
+
+
+def read_scene_table(path: Path, table: SceneTable, device: torch.device | str = "cpu") -> SceneJob:
+    """Return the scene of a table; see :func:`read_scene`.
+
+    Args:
+        path: Scene file; file names are relative to its folder.
+        table: Its content.
+        device: Device of the textures.
+    """
+    return _Reader(path, table, torch.device(device)).read()
 
 
 def read_camera(path: Path | str, table: SceneTable, *, ideal: bool = False) -> Camera:
@@ -139,12 +150,19 @@ class _Reader:
         for index, quad in enumerate(table.quads):
             key = f"quads[{index}]"
             with self._errors_prefixed(key):
-                shape = Quad(centre=_mm(quad.centre), u_axis=_mm(quad.u_axis), v_axis=_mm(quad.v_axis))
+                shape = Quad(
+                    centre=_mm("centre", quad.centre),
+                    u_axis=_mm("u_axis", quad.u_axis),
+                    v_axis=_mm("v_axis", quad.v_axis),
+                )
             bodies.append(self._body(key, shape, quad.material, quad.velocity, quad.name))
         for index, sphere_table in enumerate(table.spheres):
             key = f"spheres[{index}]"
             with self._errors_prefixed(key):
-                sphere = Sphere(centre=_mm(sphere_table.centre), radius=sphere_table.radius * _MM_PER_M)
+                check_number("radius", sphere_table.radius)
+                sphere = Sphere(
+                    centre=_mm("centre", sphere_table.centre), radius=sphere_table.radius * _MM_PER_M
+                )
             bodies.append(
                 self._body(key, sphere, sphere_table.material, sphere_table.velocity, sphere_table.name)
             )
@@ -156,7 +174,9 @@ class _Reader:
         for index, lamp_table in enumerate(table.lamps):
             with self._errors_prefixed(f"lamps[{index}]"):
                 red, green, blue = (value * _MM_PER_M**2 for value in lamp_table.intensity)
-                lamps.append(PointLight(position=_mm(lamp_table.position), intensity=(red, green, blue)))
+                lamps.append(
+                    PointLight(position=_mm("position", lamp_table.position), intensity=(red, green, blue))
+                )
         world = World(bodies=tuple(bodies), lamps=tuple(lamps), environment=environment, backdrop=backdrop)
         with self._errors_prefixed("camera"):
             check_at_least("shutter", table.camera.shutter, 0)
@@ -212,7 +232,7 @@ class _Reader:
                 expected = "either these or `tilt`"
                 raise ParameterError("focus_points", expected, shown="both", remedy="leave one of them out")
             with self._errors_prefixed("camera.focus_points"):
-                points = np.array([_mm(point) for point in table.focus_points])
+                points = np.array([_mm("point", point) for point in table.focus_points])
                 return TiltShift.focused_on(lens, points, table.shift)
         if not (any(table.tilt) or any(table.shift)):
             return lens
@@ -268,17 +288,26 @@ class _Reader:
             raise ConfigError(
                 f"{self._path}: {key}.material: expected a color, specular, translucency or emission above 0"
             )
-        return Body(shape=shape, material=material, velocity=_mm(velocity), name=name or key)
+        with self._errors_prefixed(key):
+            return Body(shape=shape, material=material, velocity=_mm("velocity", velocity), name=name or key)
 
     def _mesh(self, key: str, table: MeshTable) -> Mesh:
         file = self._path.parent / table.file
+        with self._errors_prefixed(key):
+            check_above("scale", table.scale, 0)
+            check_numbers("rotation", table.rotation, 3)
+            centre, size = _mm("centre", table.centre), None
+            if table.size is not None:
+                check_above("size", table.size, 0, "m")
+                size = table.size * _MM_PER_M
         with self._errors_prefixed(f"{key}.file"):
             mesh = read_mesh(
                 file,
                 smooth=table.smooth,
                 scale=table.scale * _MM_PER_M,
                 rotation=table.rotation,
-                centre=_mm(table.centre),
+                centre=centre,
+                size=size,
             )
         self._digest.update(file.read_bytes())
         return mesh
@@ -305,7 +334,9 @@ class _Reader:
         return torch.tensor(color, device=self._device).reshape(3, 1, 1)
 
 
-def _mm(vector: Vector) -> Vector:
+def _mm(name: str, vector: Vector) -> Vector:
+    """Return a vector in m as mm; raises ``ParameterError`` unless it is finite."""
+    check_numbers(name, vector, 3)
     x, y, z = (value * _MM_PER_M for value in vector)
     return x, y, z
 

@@ -147,11 +147,25 @@ class SphereTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MeshTable:
-    """Mesh from a file with y up: scaled, rotated about x, y and z in degrees, then translated."""
+    """Mesh from a file with y up: scaled, rotated about x, y and z in degrees, then translated.
+
+    Attributes:
+        file: OBJ, PLY, STL or glTF file.
+        material: Material.
+        scale: Metres per unit of the file.
+        size: Longest side of the bounding box, m, with its middle at ``centre``; replaces ``scale``. None
+            has the origin of the file at ``centre``.
+        rotation: Rotation, degrees.
+        centre: Position, m.
+        smooth: True for smooth shading.
+        velocity: Velocity, m/s.
+        name: Name for messages and maps.
+    """
 
     file: str
     material: MaterialTable
     scale: float = 1.0
+    size: float | None = None
     rotation: Vector = _ORIGIN
     centre: Vector = _ORIGIN
     smooth: bool = False

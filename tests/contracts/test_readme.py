@@ -45,12 +45,14 @@ def test_every_file_the_map_names_exists():
 
 
 def test_ci_runs_the_two_set_up_commands():
+    """From one wheel, which ``pip install .`` would build for each of them."""
     script = (ROOT / ".ci/run").read_text(encoding="utf-8")
     assert ["pip", "install", ".", "&&", "bokehnet", "demo"] in COMMANDS
     assert ["pip", "install", "-c", "constraints.txt", ".[dev]", "&&", "pytest", "-n", "2"] in COMMANDS
-    assert "install -q -c constraints.txt '.[dev]'" in script
+    assert 'pip" wheel -q --no-deps -w "$work/wheel" .' in script
+    assert 'install -q -c constraints.txt "$wheel[dev]"' in script
     assert 'pytest" --all -n 2' in script
-    assert "install -q ." in script
+    assert 'install -q "$wheel"' in script
 
 
 def test_links_to_files_of_the_repository_work():

@@ -130,10 +130,17 @@ def test_a_picture_is_rendered_where_nothing_can_be_written_but_the_picture(tmp_
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in [copy, *(path for path in copy.rglob("*") if path.is_dir())]:
         (folder / "__pycache__").write_text("")
-    arguments = ["-m", "bokehnet", "demo", "--engine", "scatter", "-o", tmp_path / "demo.png"]
-    outcome = run(arguments, tmp_path, PYTHONPATH=copy.parent, **nowhere, **{OFF: "1"})
+    source = """
+import numpy as np
+from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.io.image import write_image
+defocus = np.zeros((40, 60), np.float32)
+defocus[:, 30:] = 5
+write_image("map.png", geometric_error_map(defocus)[..., None].repeat(3, 2))
+"""
+    outcome = run(["-c", source], tmp_path, PYTHONPATH=copy.parent, **nowhere, **{OFF: "1"})
     assert outcome.returncode == 0, outcome.stderr
-    assert (tmp_path / "demo.png").stat().st_size > 100_000
+    assert (tmp_path / "map.png").stat().st_size > 100
     assert outcome.stderr.count("cannot be kept") == 1
 
 

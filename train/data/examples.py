@@ -8,8 +8,6 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
-from train.schedule import OptimConfig
-
 __all__ = ["Batches", "Examples", "Skips", "Source", "example_loader"]
 
 
@@ -45,9 +43,11 @@ class Examples(Dataset):
         return self.source.draw(np.random.default_rng([self.seed, index]))
 
 
-def example_loader(source: Source, data: Batches, optim: OptimConfig, first_step: int = 0) -> DataLoader[Any]:
-    """Return a loader of batches ``first_step`` to ``optim.steps``; a resumed run sees the same batches."""
-    examples = Examples(source, seed=optim.seed, length=optim.steps * data.batch_size)
+def example_loader(
+    source: Source, data: Batches, *, seed: int, steps: int, first_step: int = 0
+) -> DataLoader[Any]:
+    """Return a loader of batches ``first_step`` to ``steps``; a resumed run sees the same batches."""
+    examples = Examples(source, seed=seed, length=steps * data.batch_size)
     return DataLoader(
         examples,
         batch_size=data.batch_size,

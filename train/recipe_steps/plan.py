@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from bokehnet.config import load_config
 from bokehnet.errors import ConfigError, ParameterError
-from train.schedule import OptimConfig
+from train.run.schedule import OptimConfig
 
 __all__ = ["COMMANDS", "Recipe", "Step", "load_recipe"]
 

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from bokehnet.errors import ParameterError
 from train.run.distributed import Processes
-from train.schedule import AveragedWeights, OptimConfig, learning_rate
+from train.run.schedule import AveragedWeights, OptimConfig, learning_rate
 
 __all__ = ["FiniteGuard", "Learner", "LossOf", "has_bfloat16"]
 

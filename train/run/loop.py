@@ -14,8 +14,8 @@ from train.run.distributed import Processes
 from train.run.learner import Learner, LossOf
 from train.run.logbook import Logbook
 from train.run.run_folder import RunFolder
+from train.run.schedule import OptimConfig
 from train.run.stopping import Stopped, stop_requests
-from train.schedule import OptimConfig
 
 __all__ = ["OptimConfig", "Stopped", "train"]
 

@@ -13,7 +13,7 @@ from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import DataFileError
 from bokehnet.io.files.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
-from train.schedule import OptimConfig
+from train.run.schedule import OptimConfig
 
 __all__ = ["RunFolder"]
 

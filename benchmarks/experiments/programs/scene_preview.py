@@ -11,6 +11,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
@@ -28,6 +29,9 @@ _COLUMNS = {
 }
 _SCENES = ("configs/scene_balls.toml", "configs/scene_cards.toml")
 _ORBIT_SECONDS, _CHANGES, _DRAFT_PX = 5.0, 9, 256
+
+# Events a second of the pointer.
+_POINTER_HZ = 60
 
 
 def _draft_milliseconds(scene: str) -> float:
@@ -61,6 +65,7 @@ def _measure_page(page: Any, address: str) -> dict[str, float]:
     while (passed := page.evaluate("performance.now()") - start) < 1000 * _ORBIT_SECONDS:
         step += 1
         page.mouse.move(x + 60 + 2 * (step % 60), y + step % 20)
+        time.sleep(1 / _POINTER_HZ)
     rate = 1000 * (number("drafts") - first) / passed
     page.mouse.up()
     times = []

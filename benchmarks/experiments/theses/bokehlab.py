@@ -8,13 +8,14 @@ as JSON files.
 
 import argparse
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 
 from benchmarks.experiments.edges.level_of_detail import ball
 from benchmarks.figures import write_figures
+from benchmarks.measurement import processor_seconds
 from bokehnet.baselines import hybrid_spreading
 from bokehnet.baselines.rays.image_based_rays import image_rays
 from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, draw, render_views
@@ -43,24 +44,31 @@ def _scene(count: int) -> list[MeshObject]:
 def triangles() -> dict[str, dict[str, float]]:
     """Return processor seconds of 64 views, and of one view with 64 rays through it, by scene."""
     rows = {}
-    for count in (1, *_OBJECTS):  # the first compiles
+    for count in _OBJECTS:
         objects = _scene(count)
-        start = process_time()
-        render_views(objects, _LENS, _PICTURE, _SAMPLES)
-        views = process_time() - start
-        start = process_time()
-        light = np.zeros((_PICTURE.height, _PICTURE.width, 3), np.float32)
-        inverse = np.zeros(light.shape[:2], np.float32)
-        scale = _LENS.sensor_distance / _PICTURE.pixel_pitch
-        for mesh in objects:
-            draw(*mesh.levels[0], scale, _PICTURE.width / 2, _PICTURE.height / 2, 0.0, 0.0, light, inverse)
-        once = process_time() - start
-        defocus = np.asarray(_LENS.coc_radius(inverse.astype(float)) / _PICTURE.pixel_pitch, np.float32)
-        image_rays(light, defocus, samples=_SAMPLES)
-        rays = process_time() - start
         number = sum(len(mesh.levels[0][2]) for mesh in objects)
-        rows[f"{number:,} triangles"] = {"views": views, "rays": rays, "once": once}
+        rows[f"{number:,} triangles"] = {
+            "views": processor_seconds(partial(render_views, objects, _LENS, _PICTURE, _SAMPLES)),
+            "once": processor_seconds(partial(_one_view, objects)),
+            "rays": processor_seconds(partial(_rays_through_view, objects)),
+        }
     return rows
+
+
+def _one_view(objects: list[MeshObject]) -> tuple[np.ndarray, np.ndarray]:
+    """Return light (H, W, 3) and inverse depth (H, W), 1/mm, from the middle of the pupil."""
+    light = np.zeros((_PICTURE.height, _PICTURE.width, 3), np.float32)
+    inverse = np.zeros(light.shape[:2], np.float32)
+    scale = _LENS.sensor_distance / _PICTURE.pixel_pitch
+    for mesh in objects:
+        draw(*mesh.levels[0], scale, _PICTURE.width / 2, _PICTURE.height / 2, 0.0, 0.0, light, inverse)
+    return light, inverse
+
+
+def _rays_through_view(objects: list[MeshObject]) -> None:
+    light, inverse = _one_view(objects)
+    defocus = np.asarray(_LENS.coc_radius(inverse.astype(float)) / _PICTURE.pixel_pitch, np.float32)
+    image_rays(light, defocus, samples=_SAMPLES)
 
 
 def _points(count: int) -> np.ndarray:
@@ -75,10 +83,8 @@ def surfaces() -> dict[str, dict[str, float]]:
     for name in sorted(catalog_names(mirrors=False), key=lambda each: len(load_lens(each).surfaces)):
         lens = load_lens(name)
         lens.sample_rays(sensor[:10], pupil[:10])
-        start = process_time()
-        rays = lens.sample_rays(sensor, pupil)
-        seconds = (process_time() - start) * 1e6 / count
-        passing = float((np.asarray(rays.weight) > 0).mean())
+        seconds = processor_seconds(partial(lens.sample_rays, sensor, pupil)) * 1e6 / count
+        passing = float((np.asarray(lens.sample_rays(sensor, pupil).weight) > 0).mean())
         rows[name] = {"surfaces": len(lens.surfaces), "seconds": seconds, "pass": 100 * passing}
     return rows
 
@@ -193,10 +199,8 @@ def hybrid() -> dict[str, dict[str, float]]:
     rows = {}
     for name, focus in (("front focus", 1.2), ("back focus", 3.6)):
         defocus = (60 * (1 / depth - 1 / focus)).astype(np.float32)
-        start = process_time()
-        hybrid_spreading(image, defocus)
         rows[name] = {
-            "seconds": process_time() - start,
+            "seconds": processor_seconds(partial(hybrid_spreading, image, defocus)),
             "outlines": float((local_contrast(image, 4) > 0.02).mean()) * 100,
             "largest": float(np.abs(defocus).max()),
         }
@@ -207,7 +211,7 @@ def hybrid() -> dict[str, dict[str, float]]:
 _MEASUREMENTS = {
     "bokehlab_triangles": (
         triangles,
-        f"{_PICTURE.width}x{_PICTURE.height} pixels, {_SAMPLES} samples, processor seconds",
+        f"{_PICTURE.width}x{_PICTURE.height} pixels, {_SAMPLES} samples, processor seconds, medians of 3",
         {
             "views": ("64 views", ".2f"),
             "once": ("one view", ".3f"),
@@ -216,7 +220,7 @@ _MEASUREMENTS = {
     ),
     "bokehlab_surfaces": (
         surfaces,
-        "lenses of the catalog, wide open; processor seconds a million rays",
+        "lenses of the catalog, wide open; processor seconds a million rays, medians of 3",
         {
             "surfaces": ("surfaces", ".0f"),
             "seconds": ("seconds", ".2f"),
@@ -240,7 +244,7 @@ _MEASUREMENTS = {
     ),
     "bokehlab_hybrid": (
         hybrid,
-        "3000x2000 pixels; processor seconds",
+        "3000x2000 pixels; processor seconds, medians of 3",
         {
             "seconds": ("seconds", ".1f"),
             "outlines": ("outlines, %", ".0f"),

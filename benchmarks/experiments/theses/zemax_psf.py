@@ -86,11 +86,13 @@ def _radius(psf: np.ndarray) -> float:
     return 1000 * _PITCH_MM * float(np.sqrt((square * psf).sum()))
 
 
-def _diffraction_psf(lens: PrescriptionLens, height: float, position: float, size: int) -> np.ndarray:
+def _diffraction_psf(
+    lens: PrescriptionLens, height: float, position: float, size: int, apodisation: float
+) -> np.ndarray:
     """Return the PSF with diffraction at an image height, mm, on the surface at ``position``, mm."""
     front = trace_wavefront(lens, abs(height) / lens.prescription.image_radius, count=_WAVE_RAYS)
     offsets = (np.arange(size) - size // 2) * _PITCH_MM
-    return wave_psf(front, offsets, position - lens.sensor_position, count=1024)
+    return wave_psf(front, offsets, position - lens.sensor_position, count=1024, apodisation=apodisation)
 
 
 def main() -> None:
@@ -100,6 +102,9 @@ def main() -> None:
     parser.add_argument("lens", type=Path, help="lens file of the patent's example")
     parser.add_argument("--prefix", default="EP3029504_Example04P")
     parser.add_argument("--back", type=float, default=0.8, help="last surface to image, mm, by the patent")
+    parser.add_argument(
+        "--apodisation", type=float, default=0.0, help="factor of a Gaussian pupil, see wave_psf"
+    )
     arguments = parser.parse_args()
     lens = load_lens(arguments.lens)
     last = max(surface.vertex for surface in lens.surfaces)
@@ -111,7 +116,7 @@ def main() -> None:
         psf, height = read_zemax(path)
         zemax, angle = _centred(psf), angle_of_height(lens, shift, height if abs(height) > _PITCH_MM else 0.0)
         rays = _centred(parallel_psf(lens, angle, shift, len(zemax))[0])
-        waves = _centred(_diffraction_psf(lens, height, last + shift, len(zemax)))
+        waves = _centred(_diffraction_psf(lens, height, last + shift, len(zemax), arguments.apodisation))
         print(
             f"{height:8.4f} mm, {angle:5.2f} degrees: correlation of rays {correlation(zemax, rays):.3f}, "
             f"with diffraction {correlation(zemax, waves):.3f}, "

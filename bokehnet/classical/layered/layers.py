@@ -141,7 +141,7 @@ def split_picture(
     (H, W); where none of these arrives, the occluded background is only a mean of its surroundings.
     """
     report = progress or _ignore_fraction
-    image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
+    image, defocus = (np.ascontiguousarray(array, np.float32) for array in (image, defocus))
     reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     if known is not None:
         known.check_within(*defocus.shape)

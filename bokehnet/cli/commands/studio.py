@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
+from bokehnet.checks import require_extra
 from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.settings.preset import presets
 from bokehnet.settings.settings import group_types
+from bokehnet.studio.scene_preview import SCENE_SUFFIXES
 
 __all__ = ["studio"]
 
@@ -27,7 +29,7 @@ _COMMON = COMMON_OPTIONS | {
     required=False,
     metavar="[IMAGE]",
     help="All-in-focus picture; can also be dropped on the page. "
-    "Or a 3-D scene, TOML: orbit, focus and change the lens.",
+    "Or a 3-D scene (TOML) or mesh (OBJ, PLY, STL, GLB): orbit, focus and change the lens.",
 )
 @click.option(
     "--preset", metavar="NAME|FILE.toml", help="Initial preset.", shell_complete=completion(presets)
@@ -57,7 +59,8 @@ def studio(
             f"bokehnet studio needs {error.name}, which is not installed: pip install 'bokehnet[studio]'"
         ) from error
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # runs the cleanup of `serve`
-    if image is not None and Path(image).suffix.lower() == ".toml":
+    if image is not None and Path(image).suffix.lower() in SCENE_SUFFIXES:
+        require_extra("torch", "trace")
         from bokehnet.studio.scene_preview.app import make_scene_app
         from bokehnet.studio.scene_preview.session import SceneSession
 

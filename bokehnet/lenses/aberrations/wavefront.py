@@ -202,7 +202,13 @@ def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.
     return curves[0], curves[1]
 
 
-def wave_psf(front: Wavefront, offsets: np.ndarray, defocus: float = 0.0, count: int = 512) -> np.ndarray:
+def wave_psf(
+    front: Wavefront,
+    offsets: np.ndarray,
+    defocus: float = 0.0,
+    count: int = 512,
+    apodisation: float = 0.0,
+) -> np.ndarray:
     """Return the diffraction PSF on a square of the sensor, its sum 1.
 
     Args:
@@ -211,6 +217,8 @@ def wave_psf(front: Wavefront, offsets: np.ndarray, defocus: float = 0.0, count:
         defocus: Distance of the image surface behind the sensor, mm.
         count: Number of direction cosines along each axis. The wavelength, mm, over their spacing is the
             period of the result, which must be wider than PSF and offsets.
+        apodisation: Factor a of a Gaussian pupil, whose amplitude is exp(-a rho^2) at rho pupil radii from
+            the chief ray, as behind a smooth filter; 0 is a clear pupil.
 
     Returns:
         PSF (M, M); the first axis is along the field.
@@ -226,10 +234,12 @@ def wave_psf(front: Wavefront, offsets: np.ndarray, defocus: float = 0.0, count:
     columns = np.concatenate([passing, np.ones((len(passing), 1))], -1)
     affine = np.linalg.lstsq(columns, front.pupil[front.passes], rcond=None)[0]
     fields, step = _fields(front)
+    fields = np.concatenate([fields, front.pupil], -1)
     start = target @ affine[:2] + affine[2]
     values = _at_cosines(fields, step, target, start, affine[:2].T, _PUPIL_ITERATIONS)
     reached = np.abs(target - values[..., :2]).max(-1) < _COSINE_TOLERANCE
     amplitude = reached & (values[..., 3] > 0.5)
+    amplitude = amplitude * np.exp(-apodisation * (values[..., 4:] ** 2).sum(-1))
     length = 1e-6 * front.wavelength
     along_axis = np.sqrt(np.maximum(1 - (target**2).sum(-1), 0))
     pupil_function = amplitude * np.exp(2j * np.pi * (values[..., 2] - defocus * along_axis / length))

@@ -99,6 +99,7 @@ def read_mesh(
     scale: float = 1.0,
     rotation: Vector = (0.0, 0.0, 0.0),
     centre: Vector = (0.0, 0.0, 0.0),
+    size: float | None = None,
 ) -> Mesh:
     """Read an OBJ, PLY, STL or glTF file; all its parts form one mesh.
 
@@ -109,7 +110,8 @@ def read_mesh(
         scale: Millimetres per unit of the file.
         rotation: Rotation about x, then y, then z after the conversion, degrees; positive about z is
             clockwise in the picture.
-        centre: Position of the file's origin, mm.
+        centre: Position of the file's origin, or with ``size`` of the middle of the bounding box, mm.
+        size: Longest side of the bounding box before rotation, mm; replaces ``scale``.
 
     Raises:
         DataFileError: The file cannot be read.
@@ -129,13 +131,16 @@ def read_mesh(
         uv = getattr(mesh.visual, "uv", None)
     except Exception as error:  # the parsers raise exceptions of any type
         raise DataFileError(f"{path}: cannot be read as a mesh: {error}") from error
+    if size is not None and len(faces):
+        low, high = vertices.min(0), vertices.max(0)
+        scale, vertices = size / max(float((high - low).max()), 1e-30), vertices - (low + high) / 2
     rotation_matrix = _rotation_matrix(rotation) @ np.diag([1.0, -1.0, -1.0])
     return Mesh(
         vertices @ rotation_matrix.T * scale + centre,
         faces,
         uv=None if uv is None else np.stack([uv[:, 0], 1 - uv[:, 1]], -1),
         normals=None if normals is None else normals @ rotation_matrix.T,
-        closed=bool(mesh.is_volume),
+        closed=len(faces) > 0 and bool(mesh.is_volume),
     )
 
 

@@ -30,15 +30,17 @@ async function load(options) {
       if (own.signal.aborted) return;
       if (pixels) await draw(pixels);
       if (header.stage === "draft") {
-        drafting = false;
+        drafting = Boolean(options.moving); // its response is read to its end, so that the connection stays
         element("error").textContent = "";
         document.body.dataset.latency = Math.round(performance.now() - begin);
         count();
         if (options.focus_at) focused(header.focus_distance);
       }
       report(header);
-      if (header.stage === "draft" && waiting) return show(waiting);
+      if (header.stage === "draft" && waiting && !drafting) return show(waiting);
     }
+    drafting = false;
+    if (options.moving && waiting) show(waiting);
   } catch (error) {
     if (error.name === "AbortError") return;
     element("error").textContent = error.message;

@@ -2,3 +2,6 @@
 
 Open first: ``app.py``.
 """
+
+SCENE_SUFFIXES = (".toml", ".obj", ".ply", ".stl", ".glb", ".gltf")
+"""Lower-case suffixes of files that open as a 3-D scene: scene files and meshes."""

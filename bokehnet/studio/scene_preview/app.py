@@ -18,6 +18,8 @@ from bokehnet.studio.scene_preview.session import ScenePicture, SceneSession
 
 __all__ = ["make_scene_app"]
 
+_FRAMES = "application/octet-stream"
+
 
 def make_scene_app(session: SceneSession, *, token: str, port: int) -> Application:
     """Return the application of a scene behind its guard.
@@ -35,9 +37,12 @@ def make_scene_app(session: SceneSession, *, token: str, port: int) -> Applicati
         return JSONResponse(session.state())
 
     async def view(request: Request) -> Response:
-        """Send the draft, or an error; traced pictures follow in the same response."""
-        pictures = session.pictures(await json_of(request))
+        """Send the draft, or an error; traced pictures follow in the same response, unless the view moves."""
+        values = await json_of(request)
+        pictures = session.pictures(values)
         first = await asyncio.to_thread(next, pictures)
+        if values.get("moving"):
+            return Response(_framed(first), media_type=_FRAMES)
 
         async def body() -> AsyncIterator[bytes]:
             try:
@@ -49,7 +54,7 @@ def make_scene_app(session: SceneSession, *, token: str, port: int) -> Applicati
             except BokehnetError as error:
                 yield framed_bytes(b"", stage="error", error=" ".join(str(error).split()))
 
-        return StreamingResponse(body(), media_type="application/octet-stream")
+        return StreamingResponse(body(), media_type=_FRAMES)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:

@@ -48,7 +48,7 @@ class SceneSession:
     """Session of the previewer.
 
     Args:
-        path: Scene file.
+        path: Scene file, or mesh file.
 
     Raises:
         ConfigError: Anything in the scene is wrong.

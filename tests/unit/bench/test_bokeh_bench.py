@@ -14,7 +14,7 @@ import pytest
 BENCH = Path(__file__).parents[3] / "bench"
 sys.path.insert(0, str(BENCH))
 
-from bokeh_bench import __main__, dataset, maps, methods, metrics, scenes, tracing  # noqa: E402
+from bokeh_bench import __main__, dataset, leaderboard, maps, methods, metrics, scenes, tracing  # noqa: E402
 from bokeh_bench.files import BenchError, read_picture, write_grey16, write_pfm  # noqa: E402
 from bokeh_bench.surfaces import Card, Outline, Sphere, Texture  # noqa: E402
 
@@ -251,6 +251,17 @@ def test_pfm_and_grey_files_are_read_back(tmp_path):
     (tmp_path / "b.pfm").write_bytes(b"PF\n3 3\n-1.0\nxx")
     with pytest.raises(BenchError, match="expected a portable float map"):
         read_picture(tmp_path / "b.pfm")
+
+
+def test_the_board_keeps_the_rows_of_other_methods(tmp_path):
+    board, version = tmp_path / "board.json", leaderboard.VERSION
+    first = {"benchmark": version, "method": "first", "tracks": {}, "rows": [1]}
+    leaderboard.add_to_board(board, [first, {**first, "method": "second"}])
+    leaderboard.add_to_board(board, [{**first, "tracks": {"exact": {}}}])
+    rows = json.loads(board.read_text())
+    assert [row["method"] for row in rows] == ["first", "second"]
+    assert rows[0]["tracks"] == {"exact": {}}
+    assert all("rows" not in row for row in rows)
 
 
 def test_the_readme_shows_the_leaderboard(capsys):

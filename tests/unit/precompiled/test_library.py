@@ -16,9 +16,8 @@ from bokehnet.classical import error_map
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.layered.background.occluded_background import occluded_background
 from bokehnet.classical.layered.depth_discontinuities import _discontinuity_sides
-from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.optics.aperture import Aperture
 from bokehnet.precompiled import library, machine
 from bokehnet.precompiled.arguments import describe, flatten
 from bokehnet.precompiled.kernel import KERNELS, Kernel, record_calls
@@ -72,6 +71,15 @@ def test_any_number_of_occluded_pixels_runs_precompiled(many, monkeypatch):
     defocus[8:16, 8:16] = 6
     expected[8, 8 : 8 + many] = True
     occluded_background(image, defocus, inpainted=expected)
+    assert results == []
+
+
+@packed
+def test_a_picture_of_any_strides_is_split_precompiled(monkeypatch):
+    results = []
+    monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: results.append(self.name)))
+    image, defocus = scene()
+    split_layers(image.transpose(1, 0, 2), defocus.T)
     assert results == []
 
 
@@ -170,19 +178,12 @@ def test_no_folder_of_the_machine_that_made_it_is_named():
 
 @packed
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "render",
-    [
-        lambda image, defocus: scatter(image, defocus),
-        lambda image, defocus: scatter(image, defocus, Aperture(blades=6, cats_eye=0.5)),
-        lambda image, defocus: rays(image, defocus),
-        lambda image, defocus: rays(20 * image**8, defocus),
-        lambda image, defocus: geometric_error_map(defocus),
-    ],
-    ids=["scatter", "blades", "rays", "lights", "error map"],
-)
+@pytest.mark.parametrize("render", [scatter, lambda image, defocus: geometric_error_map(defocus)])
 def test_pictures_are_those_of_numba(render):
-    """Authority: numba's compiler on the same functions. Other instructions may round otherwise."""
+    """Authority: numba's compiler on the same functions. Other instructions may round otherwise.
+
+    The other engines need a minute of compilation; their tests run with machine code and without.
+    """
     image, defocus = scene()
     with record_calls():
         expected = render(image, defocus)

@@ -143,6 +143,20 @@ def test_mesh_files_are_read(scene, tmp_path):
     assert int(maps.body[8, 12]) == 2
 
 
+def test_a_size_scales_a_mesh_and_centres_it(scene, tmp_path):
+    """Authority: a cube of side 3 about (10, 0, 0), of 0.2 m at 0.8 m, has its front at 0.7 m."""
+    trimesh = pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
+    pytest.importorskip("embreex", reason="needs embreex: pip install 'bokehnet[trace]'")
+    box = trimesh.creation.box((3, 3, 3))
+    box.apply_translation((10, 0, 0))
+    box.export(tmp_path / "box.ply")
+    table = 'file = "box.ply"\nsize = 0.2\ncentre = [0.0, 0.0, 0.8]\nmaterial = { color = [0.4, 0.4, 0.4] }\n'
+    maps = read_scene(scene(more=f"[[meshes]]\n{table}")).tracer().maps()
+    assert float(maps.depth[8, 12]) == pytest.approx(700, rel=1e-5)
+    with pytest.raises(ConfigError, match=r"meshes\[0\]: size: expected more than 0 m, got -0\.2"):
+        read_scene(scene(more=f"[[meshes]]\n{table.replace('0.2', '-0.2')}"))
+
+
 def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples(scene, tmp_path):
     write_image(tmp_path / "sky.hdr", np.full((4, 6, 3), 0.5, np.float32))
     textured = ("color = [0.2, 0.3, 0.4]", 'color = [1.0, 1.0, 1.0]\ntexture = "sky.hdr"')
@@ -158,6 +172,9 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
     ("old", "new", "message"),
     [
         ("radius = 0.1", "radius = 0.1\nred = 1", r"unknown key 'spheres\[0\]\.red'; valid keys: centre,"),
+        ("centre = [0.0, 0.1, 2.0]", "centre = [0.0, nan, 2.0]", r"quads\[0\]: centre: .*finite.*nan"),
+        ("radius = 0.1", "radius = inf", r"spheres\[0\]: radius: expected a finite number, got inf"),
+        ("velocity = [1.0, 0.0, 0.0]", "velocity = [inf, 0.0, 0.0]", r"spheres\[0\]: velocity: .*finite"),
         ("radius = 0.1", "radius = 0.0", r"spheres\[0\]: radius: expected more than 0 mm"),
         ("u_axis = [1.0, 0.0, 0.0]", "u_axis = [0.0, 0.0, 0.0]", r"quads\[0\]: u_axis: expected two"),
         (

@@ -94,6 +94,54 @@ def test_a_lens_that_cannot_focus_so_near_is_one_line(session):
         next(session.pictures({"lens": {**LENS, "focus_distance": 0.01}}))
 
 
+def test_a_mesh_without_a_scene_opens_in_the_middle_and_in_focus(tmp_path):
+    trimesh = pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
+    pytest.importorskip("embreex", reason="needs embreex: pip install 'bokehnet[trace]'")
+    box = trimesh.creation.box((40, 40, 40))
+    box.apply_translation((500, 0, 0))
+    box.export(tmp_path / "box.STL", file_type="stl")
+    opened = SceneSession(tmp_path / "box.STL")
+    lens = opened.state()["lens"]
+    picture = next(opened.pictures({"lens": lens, "focus_at": [0.5, 0.5], "moving": True}))
+    opened.close()
+    assert lens["focus_distance"] == 1.5
+    assert picture.focus_distance == pytest.approx(1.25, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [("empty.obj", "", "at least one triangle"), ("cut.ply", "ply\nformat ascii 1.0\n", "be read as a mesh")],
+)
+def test_a_mesh_file_without_triangles_is_one_line(cli, tmp_path, name, content, message):
+    pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
+    (tmp_path / name).write_text(content)
+    failed = cli("studio", tmp_path / name, "--no-browser")
+    assert failed.code == 1
+    assert message in failed.err
+    assert len(failed.err.strip().splitlines()) == 1
+
+
+def test_without_torch_scenes_and_benchmarks_are_refused_in_one_line(python_process, tmp_path):
+    source = """
+import runpy, sys
+sys.modules["torch"] = None
+sys.argv = ["-m"]
+import benchmarks
+try:
+    runpy.run_module("benchmarks.experiments.theses.marsicano", run_name="__main__")
+except ModuleNotFoundError as error:
+    sys.excepthook(type(error), error, error.__traceback__)
+from bokehnet.cli.app import run
+sys.exit(run(["studio", "scene.toml", "--no-browser"]))
+"""
+    refused = python_process(source)
+    assert refused.code == 1
+    lines = refused.err.strip().splitlines()
+    assert len(lines) == 2
+    assert lines[0] == "this benchmark needs torch: pip install 'bokehnet[train]'"
+    assert lines[1].endswith("this needs torch: pip install 'bokehnet[trace]'")
+
+
 def test_the_command_line_refuses_settings_of_a_render_for_a_scene(cli, tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     refused = cli("studio", tmp_path / "scene.toml", "--blur", 5, "--no-browser")

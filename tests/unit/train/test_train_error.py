@@ -17,7 +17,7 @@ from train.data.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error
 from train.data.examples import Examples
 from train.data.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 from train.prepare import PrepareConfig, prepare
-from train.schedule import OptimConfig
+from train.run.schedule import OptimConfig
 from train.train_error import ErrorRun, _held_out, error_loss, reliability, run, score, true_error
 
 SMALL = ErrorNetConfig(widths=(8, 8, 8))

@@ -63,7 +63,7 @@ def test_slopes_are_no_steps_and_steps_on_slopes_are():
     x = np.arange(WIDTH, dtype=np.float32)
     for slope in (0.2, 0.5, 0.9):
         assert not sides_with_slight_steps(np.tile(slope * x, (HEIGHT, 1)), 1).any()
-    stepped = np.tile(0.05 * x + 0.6 * (x >= 20), (HEIGHT, 1))
+    stepped = np.tile(0.05 * x + np.float32(0.6) * (x >= 20), (HEIGHT, 1))
     marked = np.nonzero(sides_with_slight_steps(stepped, 1)[5] == SLIGHT)[0]
     assert list(marked) == [19, 20]
     flat = np.tile(np.float32(0.9 * MIN_STEP_PX) * (x >= 20), (HEIGHT, 1))

@@ -90,6 +90,18 @@ def test_the_point_spread_of_a_perfect_wave_is_that_of_airy():
     assert profile[:32].min() < 2e-3 * profile[0]
 
 
+def test_a_gaussian_pupil_has_a_gaussian_point_spread():
+    """The transform of exp(-a rho^2) is a Gaussian: sigma = wavelength sqrt(a) / (2 pi sine of the cone)."""
+    front = trace_wavefront(load_lens("cooke_triplet", f_number=8.0, focusing="paraxial"), 0.0)
+    perfect = dataclasses.replace(front, waves=0 * front.waves)
+    offsets, factor = np.arange(-60, 61) * 4e-4, 6.0
+    profile = wave_psf(perfect, offsets, apodisation=factor).sum(1)
+    passing = front.passes
+    sine = np.ptp(front.cosines[passing][:, 0]) / np.ptp(front.pupil[passing][:, 0])
+    sigma = 1e-6 * front.wavelength * np.sqrt(factor) / (2 * np.pi * sine)
+    assert np.sqrt((profile * offsets**2).sum()) == pytest.approx(sigma, rel=0.01)
+
+
 def test_contrast_of_the_triplet_is_that_of_optiland():
     """optiland 0.6, ``FFTMTF`` with 256 rays on a grid of 2048, over the whole disc of the Gaussian pupil.
 

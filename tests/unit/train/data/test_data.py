@@ -15,7 +15,6 @@ from train.data.crops import DataConfig, PreparedCrops
 from train.data.examples import Examples, example_loader
 from train.data.prepared import DESCRIPTION, PLANES, PreparedSet, check_features, part_name
 from train.prepare import PrepareConfig, prepare
-from train.schedule import OptimConfig
 
 
 def config_for(folder, **values) -> DataConfig:
@@ -88,7 +87,8 @@ def test_example_i_depends_on_seed_and_i_alone(tiny_prepared):
 def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_prepared):
     config = config_for(tiny_prepared)
     whole, rest = (
-        list(example_loader(PreparedCrops(config), config, OptimConfig(steps=4), step)) for step in (0, 2)
+        list(example_loader(PreparedCrops(config), config, seed=0, steps=4, first_step=step))
+        for step in (0, 2)
     )
     assert len(whole) == 4
     assert len(rest) == 2

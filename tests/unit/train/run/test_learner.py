@@ -9,7 +9,7 @@ from torch import nn
 from bokehnet.errors import ParameterError
 from train.run.distributed import Processes
 from train.run.learner import FiniteGuard, Learner, has_bfloat16
-from train.schedule import OptimConfig
+from train.run.schedule import OptimConfig
 
 CPU = torch.device("cpu")
 

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from bokehnet.errors import ConfigError
-from train.schedule import AveragedWeights, OptimConfig, averaging_decay, learning_rate
+from train.run.schedule import AveragedWeights, OptimConfig, averaging_decay, learning_rate
 
 
 def test_the_rate_rises_in_a_line_and_falls_along_half_a_cosine_to_a_hundredth():

@@ -35,7 +35,7 @@ def send_eight(coefficients, tilt, u, v, h_x, h_y, waves):
 
 def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersive: bool) -> AberrationMap:
     """All terms, and wavelengths on a parabola over 1 / wavelength^2."""
-    wavelengths = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 400) if dispersive else np.array([550.0])
+    wavelengths = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 120) if dispersive else np.array([550.0])
     variable = (wavelengths / 550) ** -2 - 1
     powers = variable[:, None] ** np.arange(3) if dispersive else np.ones((1, 1))
     shape = (powers.shape[1], 2 * len(TERMS))
