@@ -65,9 +65,9 @@ _FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE = 12, 2, 0.5
 # their values beside their edges.
 _FIT_HALF_WIDTH = 2.0
 
-# Maximum ratio of the squared residuals after and before the fit: 0.003 to 0.03 in blurred maps, 0.035 to
-# 0.15 where edges moved, so that their position explains the residuals.
-_MAX_FIT_RESIDUAL = 0.02
+# Maximum ratio of the squared residuals after and before the fit. Of the blurred maps of 18 held-out random
+# scenes, 17 stay below it: 15 come nearer to the truth, 2, whose edges had shrunk before the blur, do not.
+_MAX_FIT_RESIDUAL = 0.025
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
