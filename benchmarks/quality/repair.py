@@ -6,6 +6,8 @@ time-of-flight maps, maps with missing bands and outliers, random maps, and side
 ``--ablate`` switches off every stage in turn. Figures are edge PSNR of the ray engine against path-traced
 pictures, dB; at 2560 pixels the fraction of changed pixels near edges. ``--data FOLDER`` evaluates faults on
 other path-traced scenes, in the layout of :func:`train.scores.evaluation_sets.path_traced_shots`.
+``--sequence`` compares the gain on each faulty map as a still and as a frame of a pan, whose plan is the
+common one of crops, and prints the fraction of pixels in which both maps differ.
 """
 
 import argparse
@@ -28,12 +30,16 @@ from benchmarks.quality.scenes.repair_material import (
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.config import STAGES, RepairConfig
 from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.depth_repair.repair_plan import common_plan
 from bokehnet.optics.aperture import Aperture
 from train.scores.evaluation_sets import path_traced_shots, scene_folders
 from train.scores.metrics import compare
 
 # Default folder of the traced scenes, and number of scenes.
 _CACHE, _SCENES = Path("runs/repair_scenes"), 6
+
+# Left columns of the crops of a pan, pixels.
+_PAN_PX = (0, 6, 12)
 
 # Minimum change of a pixel that counts, as a fraction of the range of the map.
 _MIN_CHANGE = 0.025
@@ -152,9 +158,9 @@ def by_kind(cases: list[Case], rows: list[dict[str, float]]) -> dict[str, dict[s
 def print_table(table: dict[str, dict[str, float]]) -> None:
     """Print one row per kind."""
     keys = list(next(iter(table.values())))
-    print(f"{'':24s}" + "".join(f"{key:>10s}" for key in keys))
+    print(f"{'':24s}" + "".join(f" {key:>13s}" for key in keys))
     for kind, row in table.items():
-        print(f"{kind:24s}" + "".join(f"{row[key]:10.2f}" for key in keys), flush=True)
+        print(f"{kind:24s}" + "".join(f" {row[key]:13.2f}" for key in keys), flush=True)
 
 
 def large_rows(folder: Path, count: int, repair: DisparityRepair) -> dict[str, dict[str, float]]:
@@ -165,6 +171,28 @@ def large_rows(folder: Path, count: int, repair: DisparityRepair) -> dict[str, d
         result = repair.repair(scene.image, scene.disparity, "auto")
         change = float((np.abs(result.disparity - scene.disparity) > _MIN_CHANGE).mean())
         rows[scene.name] = {"changed %": 100 * change, "ms": 1000 * (time.process_time() - start)}
+    return rows
+
+
+def sequence_rows(cases: list[Case], repair: DisparityRepair) -> list[dict[str, float]]:
+    """Return the gain of each map as a still and as a frame of a pan, dB, and the difference of both."""
+    rows = []
+    for case in cases:
+        width = case.disparity.shape[1] - max(_PAN_PX)
+        crops = [np.s_[:, left : left + width] for left in _PAN_PX]
+        plans = [repair.repair(case.image[crop], case.disparity[crop], "auto").plan for crop in crops]
+        plan = common_plan([plan for plan in plans if plan is not None])
+        still = repair.repair(case.image, case.disparity, "auto").disparity
+        frame = repair.repair(case.image, case.disparity, "auto", plan=plan).disparity
+        alone = case.score(case.disparity)
+        differences = float((np.abs(still - frame) > _MIN_CHANGE).mean())
+        rows.append(
+            {
+                "gain": case.score(still) - alone,
+                "gain in a pan": case.score(frame) - alone,
+                "different %": 100 * differences,
+            }
+        )
     return rows
 
 
@@ -195,6 +223,7 @@ def main() -> None:
         "--harm", action="store_true", help="gain on maps that are not wrong in the usual ways"
     )
     parser.add_argument("--ablate", action="store_true", help="gain and harm without each stage")
+    parser.add_argument("--sequence", action="store_true", help="gain on stills and on frames of a pan")
     parser.add_argument("--data", type=Path, help="folder of other path-traced scenes")
     parser.add_argument("--shots", type=int, default=2, help="shots per scene of --data, from the first")
     parser.add_argument("--scenes", type=int, default=_SCENES, help="number of traced scenes")
@@ -214,6 +243,10 @@ def main() -> None:
         print_table(tables["harm"])
         if arguments.large:
             print_table(large_rows(arguments.cache, arguments.large, DisparityRepair(threads=1)))
+    if arguments.sequence:
+        cases = list(map(with_score_cache, fault_cases(scenes)))
+        tables["sequence"] = by_kind(cases, sequence_rows(cases, DisparityRepair(threads=1)))
+        print_table(tables["sequence"])
     if arguments.ablate:
         tables["ablate"] = ablate(scenes)
     if arguments.figures:

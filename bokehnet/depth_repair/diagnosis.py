@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.depth_repair.config import RepairConfig
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.edge_profile import sample_edges
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
+from bokehnet.depth_repair.stages.thin_growth import thin_fraction
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
@@ -43,6 +44,8 @@ class Diagnosis:
             side.
         candidates: Placements to try: that of the map or, if the edges of the picture lie elsewhere in a part
             of the map only, none and a growth.
+        thin_fraction: Fraction of thin structures of the placed map, from
+            :func:`bokehnet.depth_repair.stages.thin_growth.thin_fraction`.
         certainty: Best agreement of the map with its picture at a common distance and scale. Below
             ``min_certainty`` of the configuration the map does not follow the picture, or the picture shows
             no edges.
@@ -53,6 +56,7 @@ class Diagnosis:
     placement: Placement = NO_PLACEMENT
     candidates: tuple[Placement, ...] = (NO_PLACEMENT,)
     peak: float = 0.0
+    thin_fraction: float = 1.0
     certainty: float = 0.0
 
 
@@ -107,5 +111,6 @@ def diagnose(
         placement=placement,
         candidates=tuple(candidates),
         peak=profiles[0].offset,
+        thin_fraction=thin_fraction(placement.apply(disparity), MIN_EDGE_HEIGHT * float(np.ptp(disparity))),
         certainty=max(placement.certainty, *(profile.certainty for profile in profiles)),
     )

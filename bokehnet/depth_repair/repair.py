@@ -41,9 +41,9 @@ from bokehnet.depth_repair.stages.deblur import (
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
-from bokehnet.depth_repair.stages.register import Placement
+from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
-from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures, thin_fraction
+from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.progress import Progress, ignore_progress
@@ -134,7 +134,8 @@ class DisparityRepair:
             mode: "on" repairs everywhere. "auto" moves edges only where the picture agrees better with their
                 new place (:func:`bokehnet.depth_repair.acceptance.accepted_blocks`). "off" changes nothing.
             progress: Callback with (steps done, total steps); an exception from it ends the repair.
-            plan: Decisions for the whole shot, which "auto" follows. Default: decide from this map.
+            plan: Decisions for the whole shot, which "auto" follows: the errors of its maps. Places are
+                accepted in each frame. Default: decide from this map.
 
         Raises:
             ShapeError: The shapes are not (H, W, 3) and (H, W) of one size.
@@ -179,11 +180,9 @@ class DisparityRepair:
         if plan is None:
             diagnosis = diagnose(colors, start, noise, softness, config)
         else:
-            down, right = (round(pixels / scale) for pixels in plan.offset)
-            placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
-            diagnosis = Diagnosis(noise=noise, softness=softness, placement=placement)
-        decides = mode == "auto" and plan is None
-        if decides and diagnosis.certainty < config.min_certainty:
+            diagnosis = _planned_diagnosis(plan, noise, scale)
+        decides = mode == "auto"
+        if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
         proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
@@ -197,7 +196,7 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
-        if decides and self._lacks_thin_structures(diagnosis.placement.apply(start)):
+        if decides and "grow" in config.stages and diagnosis.thin_fraction < config.max_thin_fraction:
             grown = grow_thin_structures(
                 colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
             )
@@ -205,7 +204,7 @@ class DisparityRepair:
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
         if is_soft and "values" in config.stages:
-            proposal = self._fit_values(small, proposal, diagnosis.placement)
+            proposal = _fitted_values(small, proposal, diagnosis.placement)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -222,7 +221,7 @@ class DisparityRepair:
                 pictures[level].transpose(1, 2, 0), maps[level], proposal, change, allowed, sharpen=is_soft
             )
         progress(1000, 1000)
-        reason = "" if decides else "asked for" if plan is None else "as most of the shot"
+        reason = "as most of the shot" if plan is not None else "" if decides else "asked for"
         accepted_fraction = 1.0 if is_soft else float(blocks.mean())
         return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
 
@@ -258,11 +257,6 @@ class DisparityRepair:
             repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
         return repaired
 
-    def _lacks_thin_structures(self, placed: np.ndarray) -> bool:
-        """Return whether a map has lost its thin structures, so that they are grown."""
-        config, min_height = self._config, MIN_EDGE_HEIGHT * float(np.ptp(placed))
-        return "grow" in config.stages and thin_fraction(placed, min_height) < config.max_thin_fraction
-
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
     ) -> np.ndarray:
@@ -271,11 +265,8 @@ class DisparityRepair:
         A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
         input is better if only blur makes thin structures seem larger.
         """
-        stages, min_height = self._config.stages, MIN_EDGE_HEIGHT * span
-        versions = []
-        for growth in sorted({0, placement.growth}, key=abs):
-            placed = replace(placement, growth=growth).apply(soft)
-            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
+        stages, versions = self._config.stages, []
+        for placed, mask in _soft_versions(soft, placement, span):
             blur, values = estimate_blur(placed, repaired, mask), repaired
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
@@ -284,15 +275,26 @@ class DisparityRepair:
         best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
         return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
 
-    def _fit_values(self, soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
-        """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
-        min_height, estimates = MIN_EDGE_HEIGHT * float(np.ptp(soft)), []
-        for growth in {0, placement.growth}:
-            placed = replace(placement, growth=growth).apply(soft)
-            mask = local_extremes(soft_pixels(placed, min_height), _SOFT_DILATION_PX)[1]
-            estimates.append((estimate_blur(placed, repaired, mask), placed, mask))
-        blur, placed, mask = min(estimates, key=lambda estimate: estimate[0].residual)
-        return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
+
+def _soft_versions(
+    soft: np.ndarray, placement: Placement, span: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return a soft map placed without and, if it has any, with its growth, and its pixels at soft edges."""
+    growths = sorted({0, placement.growth}, key=abs)
+    maps = [replace(placement, growth=growth).apply(soft) for growth in growths]
+    masks = [soft_pixels(values, MIN_EDGE_HEIGHT * span) for values in maps]
+    return [
+        (values, local_extremes(mask, _SOFT_DILATION_PX)[1]) for values, mask in zip(maps, masks, strict=True)
+    ]
+
+
+def _fitted_values(soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
+    """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
+    versions = _soft_versions(soft, placement, float(np.ptp(soft)))
+    estimates = [estimate_blur(placed, repaired, mask) for placed, mask in versions]
+    blur = min(estimates, key=lambda estimate: estimate.residual)
+    placed, mask = versions[estimates.index(blur)]
+    return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:
@@ -305,6 +307,20 @@ def _enlarged(blocks: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return a mask of blocks as pixels of a map whose shape the blocks divide evenly."""
     rows, columns = (np.arange(side) * count // side for side, count in zip(shape, blocks.shape, strict=True))
     return blocks[rows[:, None], columns]
+
+
+def _planned_diagnosis(plan: RepairPlan, noise: float, scale: int) -> Diagnosis:
+    """Return the diagnosis of all maps of a shot at 1 / ``scale`` of their size."""
+    down, right = (round(pixels / scale) for pixels in plan.offset)
+    placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
+    local = Placement(growth=round(plan.local_shift / scale))
+    return Diagnosis(
+        noise=noise,
+        softness=plan.softness,
+        placement=placement,
+        candidates=(placement, local) if placement == NO_PLACEMENT != local else (placement,),
+        thin_fraction=plan.thin_fraction,
+    )
 
 
 def _result(
@@ -333,6 +349,8 @@ def _result(
         shift=scale * placement.growth,
         offset=(scale * down, scale * right),
         noise=diagnosis.noise,
+        local_shift=scale * sum(candidate.growth for candidate in diagnosis.candidates[1:]),
+        thin_fraction=diagnosis.thin_fraction,
     )
     noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
     return RepairedMap(

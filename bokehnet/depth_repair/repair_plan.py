@@ -17,6 +17,9 @@ class RepairPlan:
         offset: Translation of the map down and to the right, pixels.
         noise: Standard deviation of the noise, as a fraction of the range of the map; None if each map of the
             shot has its own.
+        local_shift: Edge bias that is tried as well, pixels, and accepted in each place where the picture
+            agrees better; 0 if the edges are off everywhere or nowhere.
+        thin_fraction: Fraction of thin structures; maps without any may have lost them.
     """
 
     repaired: bool
@@ -24,14 +27,17 @@ class RepairPlan:
     shift: int
     offset: tuple[int, int] = (0, 0)
     noise: float | None = 0.0
+    local_shift: int = 0
+    thin_fraction: float = 1.0
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
     """Return the median of the decisions for some maps of a shot; the lower one of an even number.
 
     Examples:
-        >>> common_plan([RepairPlan(repaired=x > 1, softness=0.1 * x, shift=x) for x in (0, 2, 5)])
-        RepairPlan(repaired=True, softness=0.2, shift=2, offset=(0, 0), noise=0.0)
+        >>> plan = common_plan([RepairPlan(repaired=x > 1, softness=0.1 * x, shift=x) for x in (0, 2, 5)])
+        >>> plan.repaired, plan.softness, plan.shift
+        (True, 0.2, 2)
     """
     middle = (len(plans) - 1) // 2
     down, right = (sorted(plan.offset[axis] for plan in plans)[middle] for axis in (0, 1))
@@ -41,4 +47,6 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
         shift=sorted(plan.shift for plan in plans)[middle],
         offset=(down, right),
         noise=sorted(plan.noise or 0.0 for plan in plans)[middle],
+        local_shift=sorted(plan.local_shift for plan in plans)[middle],
+        thin_fraction=sorted(plan.thin_fraction for plan in plans)[middle],
     )

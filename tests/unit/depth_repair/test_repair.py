@@ -62,6 +62,27 @@ def test_growth_is_corrected_only_where_the_picture_supports_it(grown):
     assert ("3 px too wide" in result.reason) == (grown == 640)
 
 
+@pytest.mark.parametrize(
+    "degrade",
+    [
+        lambda d: np.where(np.arange(640) < 320, maximum_filter(d, 7, mode="nearest"), d),
+        lambda d: maximum_filter(d, 7, mode="nearest"),
+        lambda d: gaussian_filter(d, 2),
+    ],
+    ids=["3 px larger on the left", "3 px larger", "blurred"],
+)
+@pytest.mark.parametrize("base_side_px", [1024, 320])
+def test_a_frame_with_the_plan_of_its_own_map_equals_the_still(degrade, base_side_px):
+    """Authority: the still, which changes."""
+    accurate = blobs(200, 640)
+    repair = DisparityRepair(config=RepairConfig(base_side_px=base_side_px))
+    still = repair.repair(textured(accurate), degrade(accurate), "auto")
+    frame = repair.repair(textured(accurate), degrade(accurate), "auto", plan=still.plan)
+    assert still.repaired
+    assert_array_equal(frame.disparity, still.disparity)
+    assert frame.plan == still.plan
+
+
 @pytest.mark.parametrize("deviation", [1, 2, 3])
 @pytest.mark.parametrize(
     "degrade",

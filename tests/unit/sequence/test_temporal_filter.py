@@ -1,7 +1,11 @@
 """Motion against shifts that are known; steady maps against the truth that noise was added to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from scipy.ndimage import maximum_filter
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
@@ -202,11 +206,15 @@ def test_a_plan_is_what_most_maps_ask_for():
 
 
 def test_the_repair_follows_a_given_plan():
-    """A map that stands right is repaired where the shot is; a wrong one is left where the shot is."""
+    """A map that stands right stays although the shot is repaired; a wrong one stays where the shot stays."""
     images, _, truth = shot(1)
     repair = DisparityRepair()
-    alone = repair.repair(images[0], truth[0], "auto")
-    planned = RepairPlan(repaired=not alone.repaired, softness=0.0, shift=0)
-    other = repair.repair(images[0], truth[0], "auto", plan=planned)
-    assert (other.repaired, other.plan) == (planned.repaired, planned)
-    assert repair.repair(images[0], truth[0], "auto", plan=alone.plan).repaired == alone.repaired
+    wrong = maximum_filter(truth[0], 7, mode="nearest")
+    plan = repair.repair(images[0], wrong, "auto").plan
+    assert plan.repaired
+    assert repair.repair(images[0], wrong, "auto", plan=plan).repaired
+    right = repair.repair(images[0], truth[0], "auto", plan=replace(plan, shift=0, local_shift=plan.shift))
+    assert_array_equal(right.disparity, truth[0])
+    still = repair.repair(images[0], wrong, "auto", plan=replace(plan, repaired=False))
+    assert_array_equal(still.disparity, wrong)
+    assert (still.repaired, still.plan) == (False, replace(plan, repaired=False))
