@@ -22,6 +22,11 @@ class LightAtPixels:
         pixels: Indices of the brightened pixels in the flattened picture, (N,).
         values: Their scene-linear light, (N, 3).
         note: Summary in a few words; empty if nothing was recovered.
+
+    Examples:
+        >>> light = LightAtPixels(pixels=np.array([5]), values=np.full((1, 3), 9, np.float32), note="1 lamp")
+        >>> light.nbytes
+        20
     """
 
     pixels: npt.NDArray[np.intp]
