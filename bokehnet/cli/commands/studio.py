@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from bokehnet.checks import require_extra
 from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.errors import MissingExtraError, ParameterError
@@ -60,6 +59,8 @@ def studio(
         ) from error
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # runs the cleanup of `serve`
     if image is not None and Path(image).suffix.lower() in SCENE_SUFFIXES:
+        from bokehnet.checks import require_extra
+
         require_extra("torch", "trace")
         from bokehnet.studio.scene_preview.app import make_scene_app
         from bokehnet.studio.scene_preview.session import SceneSession

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from bokehnet.render.look import make_aperture
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.preview import preview
@@ -50,9 +51,14 @@ def test_a_process_imports_the_modules_of_its_tasks_at_its_start():
 
 def test_tables_of_shapes_wait_for_the_first_picture(opened, monkeypatch):
     prepared = threading.Event()
-    monkeypatch.setattr(preview, "prepare_tables", lambda *arguments: prepared.set())
+    shape = RenderSettings().updated({"aperture": {"blades": 7, "rotation": 11}}).aperture
+
+    def prepare(aperture, largest):  # previews of earlier tests may still prepare theirs
+        if aperture == make_aperture(shape):
+            prepared.set()
+
+    monkeypatch.setattr(preview, "prepare_tables", prepare)
     previews = Previews(opened.fine)
-    shape = RenderSettings().updated({"aperture": {"blades": 7}}).aperture
     previews.prepare_shapes([shape])
     time.sleep(0.3)
     assert not prepared.is_set()

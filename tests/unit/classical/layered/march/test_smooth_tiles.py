@@ -87,7 +87,7 @@ def rays_job(colors, cells, points, weights, lens, **how) -> RaysJob:
     )
 
 
-def seen(image, defocus_of, slopes, lens_response, y, x, count=1024):
+def seen(image, defocus_of, slopes, lens_response, y, x, count=4096):
     """Return the light of a plane in one pixel by nearest pixels, ray by ray."""
     chances = sobol(count, np.random.default_rng(9), 5)
     wavelengths, colors = lens_response.sample_wavelengths(count)

@@ -56,7 +56,15 @@ def test_maps_of_files_are_made_steady(noisy, cli):
 @pytest.mark.parametrize("steady", ["on", "off"])
 def test_the_repair_is_decided_once(noisy, cli, steady):
     summary = json.loads(cli(*SHOT, "--steady", steady, "--json").out)
-    assert set(summary["plan"]) == {"repaired", "softness", "shift", "offset", "noise"}
+    assert set(summary["plan"]) == {
+        "repaired",
+        "softness",
+        "shift",
+        "offset",
+        "noise",
+        "local_shift",
+        "thin_fraction",
+    }
     assert {frame["repaired"] for frame in summary["frames"].values()} == {summary["plan"]["repaired"]}
 
 
