@@ -33,11 +33,7 @@ from bokehnet.studio.strokes import Stroke
 
 __all__ = ["Session"]
 
-_MAX_OPENING_SECONDS = 90.0
-_MAX_ESTIMATE_SECONDS = 900.0
-# Modules of the tasks of two background processes.
-_FILE_TASKS = "bokehnet.studio.opened", "bokehnet.studio.export"
-_PREVIEW_TASKS = ("bokehnet.studio.preview.preview",)
+_MAX_OPENING_SECONDS, _MAX_ESTIMATE_SECONDS = 90.0, 900.0
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
 
 
@@ -63,8 +59,8 @@ class Session:
         self.settings = RenderSettings()
         self.preset = ""
         self.initial: dict[str, dict[str, Any]] = {}
-        self.slow, self.fine = BackgroundProcess(), BackgroundProcess(modules=_PREVIEW_TASKS)
-        self.exporter = BackgroundProcess(0, modules=_FILE_TASKS)
+        self.slow, self.fine = BackgroundProcess(), BackgroundProcess(modules=[Previews.__module__])
+        self.exporter = BackgroundProcess(0, modules=[open_picture.__module__, render_file.__module__])
         self.previews = Previews(self.fine)
         self._lock = threading.Lock()
         self._export_stop = threading.Event()

@@ -11,41 +11,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import RelativeDisparity
 from bokehnet.scene.scene import make_scene
 from bokehnet.settings.settings import RenderSettings
+from tests.unit.conftest import HEIGHT, WIDTH, displaced_card
 
 PACK = Path(__file__).parents[3] / "integrations/comfyui"
-HEIGHT, WIDTH = 64, 96
 ENGINE = {"engine": {"name": "scatter"}, "camera": {"blur": 12}}
-
-
-@pytest.fixture
-def repairs(monkeypatch):
-    """Return the list of maps that the repair receives."""
-    maps = []
-    repair = DisparityRepair.repair
-
-    def counted(self, image, disparity, *arguments, **keywords):
-        maps.append(disparity)
-        return repair(self, image, disparity, *arguments, **keywords)
-
-    monkeypatch.setattr(DisparityRepair, "repair", counted)
-    return maps
 
 
 @pytest.fixture
 def picture():
     """Picture and map of a card in front of a texture; the map lies four pixels beside the card."""
-    rng = np.random.default_rng(5)
-    image = rng.uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32) ** 2
-    image[16:48, 30:60] = (0.9, 0.1, 0.1)
-    values = np.full((HEIGHT, WIDTH), 0.1, np.float32)
-    values[16:48, 34:64] = 0.8
-    return image, values
+    return displaced_card()
 
 
 @pytest.fixture

@@ -9,41 +9,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ParameterError
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DefocusMap, MetricDepth, RelativeDisparity
 from bokehnet.scene.preparation.picture_cache import PictureCache, array_digest
 from bokehnet.scene.scene import make_scene
 from bokehnet.settings.settings import FocusSettings, RenderSettings
+from tests.unit.conftest import HEIGHT, WIDTH, displaced_card
 
-HEIGHT, WIDTH = 64, 96
 SETTINGS = RenderSettings().updated({"camera": {"blur": 12}, "focus": {"value": 0.7}})
 
 
 @pytest.fixture(scope="module")
 def scene():
     """Card in front of a texture, whose map lies four pixels beside the card."""
-    rng = np.random.default_rng(5)
-    image = rng.uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32) ** 2
-    image[16:48, 30:60] = (0.9, 0.1, 0.1)
-    values = np.full((HEIGHT, WIDTH), 0.1, np.float32)
-    values[16:48, 34:64] = 0.8
+    image, values = displaced_card()
     return make_scene(image, RelativeDisparity(map=values, as_stored=True))
-
-
-@pytest.fixture
-def repairs(monkeypatch):
-    """Return the list of maps that the repair receives."""
-    maps = []
-    repair = DisparityRepair.repair
-
-    def counted(self, image, disparity, *arguments, **keywords):
-        maps.append(disparity)
-        return repair(self, image, disparity, *arguments, **keywords)
-
-    monkeypatch.setattr(DisparityRepair, "repair", counted)
-    return maps
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter"])
