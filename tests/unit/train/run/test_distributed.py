@@ -86,22 +86,28 @@ def test_a_numbered_gpu_is_refused_behind_torchrun(monkeypatch):
         pass
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """Folder of a toy run on one process."""
+    out = tmp_path_factory.mktemp("toy") / "one"
+    finish(toy(out))
+    return out
+
+
 @pytest.mark.train
-def test_two_processes_have_the_curve_and_the_weights_of_one(tmp_path):
+def test_two_processes_have_the_curve_and_the_weights_of_one(whole, tmp_path):
     """A mean over examples has the same gradient in parts; found 5e-7 apart near 5, weights 1.5e-8."""
-    finish(toy(tmp_path / "one"))
     finish(twice(toy(tmp_path / "two")))
     for key in ("loss/sum", "loss/square", "gradient_norm"):
-        one, two = curve(tmp_path / "one", key), curve(tmp_path / "two", key)
+        one, two = curve(whole, key), curve(tmp_path / "two", key)
         assert len(one) == 12
         torch.testing.assert_close(one, two, rtol=2e-6, atol=0)
-    assert largest_difference(tmp_path / "one", tmp_path / "two") < 1e-6
+    assert largest_difference(whole, tmp_path / "two") < 1e-6
 
 
 @pytest.mark.train
-def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(tmp_path):
+def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(whole, tmp_path):
     """Process 1 alone is to stop in step 5; process 0 writes the checkpoint, later alone the rest."""
-    finish(toy(tmp_path / "whole"))
     line = toy(tmp_path / "cut", stop_step=5)
     process = start(twice(line))
     _, errors = process.communicate(timeout=120)
@@ -109,13 +115,13 @@ def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(tmp_path)
     assert errors.count("stopped at step 6 of 12; run the same command again to resume") == 1
     assert load_checkpoint(tmp_path / "cut/last.pt")["step"] == 6
     finish(line)
-    assert largest_difference(tmp_path / "whole", tmp_path / "cut") < 2e-6
+    assert largest_difference(whole, tmp_path / "cut") < 2e-6
 
 
 @pytest.mark.train
 def test_the_time_limit_stops_both_without_an_error(tmp_path):
-    line = [*twice(toy(tmp_path / "run")), "--max-minutes", "0"]
-    assert "stopped at step 1 of 12" in finish(line)
+    line = [*toy(tmp_path / "run"), "--max-minutes", "0"]
+    assert "stopped at step 1 of 12" in finish(twice(line))
     assert "stopped at step 2 of 12" in finish(line)
 
 
