@@ -201,7 +201,7 @@ def ablate(scenes: list[Scene]) -> dict[str, dict[str, float]]:
     faults, harm = (list(map(with_score_cache, cases(scenes))) for cases in (fault_cases, harm_cases))
     table = {}
     for missing in (None, *STAGES):
-        repair = DisparityRepair(threads=1, config=RepairConfig(stages=frozenset(STAGES) - {missing}))
+        repair = DisparityRepair(config=RepairConfig(stages=frozenset(STAGES) - {missing}))
         gains, harms = by_kind(faults, evaluate(faults, repair)), by_kind(harm, evaluate(harm, repair))
         name = "all stages" if missing is None else f"without {missing}"
         table[name] = {
@@ -233,19 +233,19 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.data:
         cases = list(map(with_score_cache, data_cases(arguments.data, arguments.shots)))
-        print_table(by_kind(cases, evaluate(cases, DisparityRepair(threads=1))))
+        print_table(by_kind(cases, evaluate(cases, DisparityRepair())))
         return
     scenes = read_scenes(arguments.cache, arguments.scenes)
     tables = {}
     if arguments.harm:
         cases = list(map(with_score_cache, harm_cases(scenes)))
-        tables["harm"] = by_kind(cases, evaluate(cases, DisparityRepair(threads=1)))
+        tables["harm"] = by_kind(cases, evaluate(cases, DisparityRepair()))
         print_table(tables["harm"])
         if arguments.large:
-            print_table(large_rows(arguments.cache, arguments.large, DisparityRepair(threads=1)))
+            print_table(large_rows(arguments.cache, arguments.large, DisparityRepair()))
     if arguments.sequence:
         cases = list(map(with_score_cache, fault_cases(scenes)))
-        tables["sequence"] = by_kind(cases, sequence_rows(cases, DisparityRepair(threads=1)))
+        tables["sequence"] = by_kind(cases, sequence_rows(cases, DisparityRepair()))
         print_table(tables["sequence"])
     if arguments.ablate:
         tables["ablate"] = ablate(scenes)

@@ -6,20 +6,18 @@ Steps; each stage is documented in its own module with its published method:
 2. at the smallest size of an image pyramid soft edges are sharpened (``stages/sharpen.py``), and offset,
    growth and agreement with the picture are measured (``diagnosis.py``). A map whose edges do not follow the
    picture stays as it is;
-3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
-   blurred detail is restored (``stages/deblur.py``), and so are thin structures
-   (``stages/thin_structures.py``); maps without any thin structure are grown along their colours
-   (``stages/thin_growth.py``);
+3. proposals: the map is placed (``stages/register.py``), blurred detail is restored (``stages/deblur.py``),
+   and so are thin structures (``stages/thin_structures.py``); maps without any thin structure are grown along
+   their colours (``stages/thin_growth.py``);
 4. one rule accepts the changes in each place (``acceptance.py``), and surfaces of soft maps get the values
    that reproduce the input when blurred;
 5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
 In: all-in-focus picture, scene-linear float32 (H, W, 3), and disparity (H, W) in any unit, rising towards the
-camera. Out: a :class:`RepairedMap` in the same unit. ONNX Runtime runs the network; torch is not needed.
+camera. Out: a :class:`RepairedMap` in the same unit. All steps are in closed form; none has learned weights.
 """
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -40,15 +38,13 @@ from bokehnet.depth_repair.stages.deblur import (
 )
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
-from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
-from bokehnet.inference.session import WEIGHTS
 from bokehnet.progress import Progress, ignore_progress
 
-__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap", "network_memory"]
+__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap"]
 
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
@@ -90,18 +86,10 @@ class DisparityRepair:
     """Repair of disparity maps on the CPU.
 
     Args:
-        weights: Folder with the network and its manifest; default: the weights of the package.
-        threads: Number of threads of the network; 0 uses all cores.
         config: Numbers of the repair.
-
-    Raises:
-        ModelFileError: The network is missing or damaged.
     """
 
-    def __init__(
-        self, weights: Path | None = None, threads: int = 0, config: RepairConfig | None = None
-    ) -> None:
-        self._network = RepairNetwork(weights or WEIGHTS / "repair", threads)
+    def __init__(self, config: RepairConfig | None = None) -> None:
         self._config = config or RepairConfig()
 
     def __call__(
@@ -126,7 +114,7 @@ class DisparityRepair:
         Noise is removed first. Every output value lies within the range of nearby input values, so that flat
         regions do not change. The exception is detail that blur has removed from a soft map
         (:mod:`bokehnet.depth_repair.stages.deblur`); it lies within the range of the whole map. The memory
-        beyond input and output is that of a tile of the network and twice a third of the picture.
+        beyond input and output is twice a third of the picture.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -187,12 +175,8 @@ class DisparityRepair:
         proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
         for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
-            share = _BASE_PROGRESS / len(diagnosis.candidates)
-
-            def report(done: int, total: int, first: float = number * share, share: float = share) -> None:
-                progress(round(1000 * (first + share * done / total)), 1000)
-
-            proposed = self._propose(colors, start, small if is_soft else None, placement, report)
+            progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
+            proposed = self._propose(colors, start, small if is_soft else None, placement)
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
@@ -209,8 +193,6 @@ class DisparityRepair:
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
         misplaced = changed_pixels(small, proposal)[near_edges].sum() / max(near_edges.sum(), 1)
-        if scale > 1:
-            self._network.release_memory()
         levels = len(maps) - 1
         for level in range(levels - 1, -1, -1):
             done = _BASE_PROGRESS + (1 - _BASE_PROGRESS) * 4.0 ** (-level - 1)
@@ -231,7 +213,6 @@ class DisparityRepair:
         start: np.ndarray,
         soft: np.ndarray | None,
         placement: Placement,
-        progress: Progress,
     ) -> np.ndarray:
         """Return the map that the stages propose, (H, W).
 
@@ -240,21 +221,16 @@ class DisparityRepair:
             start: Map with sharp edges, (H, W).
             soft: The same map with its soft edges; None for sharp maps.
             placement: Offset and growth of the map.
-            progress: Callback of the network.
         """
         stages, span = self._config.stages, float(np.ptp(start))
         colors, repaired = image.transpose(1, 2, 0), placement.apply(start)
-        if "network" in stages:
-            repaired = self._network(image, repaired, span, progress)
         if soft is not None:
             repaired = self._restore_soft_edges(colors, soft, repaired, placement, span)
         if "thin" in stages:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
-            # Traced lines have rough borders, and the network leaves haze around pieces of lines.
-            lines = repaired != without
-            hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
-            repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
+            # Traced lines have rough borders.
+            repaired = snap_soft_edges(colors, repaired, local_extremes(repaired != without, 1)[1], span)
         return repaired
 
     def _restore_soft_edges(

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
@@ -65,7 +64,7 @@ def min_memory(settings: RenderSettings, engine: str, width: int, height: int, a
     program = max(0, PROGRAM - _RENDERING)
     stages = [program + (_PICTURE_BYTES + max(_READ_BYTES, _FOCUS_BYTES)) * pixels]
     if settings.depth.repair != "off" and settings.input.defocus is None:
-        stages.append(program + (_PICTURE_BYTES + _REPAIR_BYTES) * pixels + network_memory(height, width))
+        stages.append(program + (_PICTURE_BYTES + _REPAIR_BYTES) * pixels)
     reads_defocus_again = spec.networks is not None and spec.sharp_foregrounds
     per_pixel = _PICTURE_BYTES + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
     expected_error = settings.output.expected_error
