@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
+from benchmarks.quality.scenes.repair_faults import FAULTS
 from benchmarks.quality.scenes.repair_material import (
     ESTIMATORS,
-    FAULTS,
     Scene,
+    layered_scene,
     read_scenes,
-    same_textured_scene,
 )
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.config import STAGES, RepairConfig
@@ -82,13 +82,13 @@ def harm_cases(scenes: list[Scene]) -> Iterator[Case]:
         for kind, estimate in ESTIMATORS.items():
             yield scene_case(kind, scene, estimate(scene, np.random.default_rng(number)))
     for kind in ("discs", "fence"):
-        scene = same_textured_scene(kind)
+        scene = layered_scene(kind)
         yield scene_case(scene.name, scene, scene.disparity)
 
 
 def fault_cases(scenes: list[Scene]) -> Iterator[Case]:
-    """Yield the true maps of all scenes with every fault."""
-    for number, scene in enumerate(scenes):
+    """Yield the true maps of all scenes and of a railing with every fault."""
+    for number, scene in enumerate([*scenes, layered_scene("railing")]):
         for kind, spoil in FAULTS.items():
             values = spoil(scene.disparity, np.random.default_rng(number))
             yield scene_case(kind, scene, np.asarray(values, np.float32))

@@ -25,12 +25,14 @@ import numpy.typing as npt
 
 from bokehnet.arrays.halving import halvings
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.deprecation import warn_deprecated
 from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
 from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.deblur import (
+    BlurEstimate,
     estimate_blur,
     fit_surface_values,
     restore_blurred_detail,
@@ -86,10 +88,14 @@ class DisparityRepair:
     """Repair of disparity maps on the CPU.
 
     Args:
+        weights: Without effect: folder of the network of version 0.1.
+        threads: Without effect: number of threads of that network.
         config: Numbers of the repair.
     """
 
-    def __init__(self, config: RepairConfig | None = None) -> None:
+    def __init__(self, weights: object = None, threads: int = 0, config: RepairConfig | None = None) -> None:
+        if weights is not None or threads:
+            warn_deprecated("the repair has no network: version 0.3 removes weights= and threads=")
         self._config = config or RepairConfig()
 
     def __call__(
@@ -172,11 +178,12 @@ class DisparityRepair:
         decides = mode == "auto"
         if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
-        proposal = start
+        proposal, blur = start, None
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
         for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
             progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
-            proposed = self._propose(colors, start, small if is_soft else None, placement)
+            proposed, its_blur = self._propose(colors, start, small if is_soft else None, placement)
+            blur = its_blur if number == 0 else blur
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
@@ -187,8 +194,8 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, grown, config)
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
-        if is_soft and "values" in config.stages:
-            proposal = _fitted_values(small, proposal, diagnosis.placement)
+        if blur is not None and blur.sigma and "values" in config.stages:
+            proposal = fit_surface_values(blur, proposal)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -213,8 +220,8 @@ class DisparityRepair:
         start: np.ndarray,
         soft: np.ndarray | None,
         placement: Placement,
-    ) -> np.ndarray:
-        """Return the map that the stages propose, (H, W).
+    ) -> tuple[np.ndarray, BlurEstimate | None]:
+        """Return the map that the stages propose, (H, W), and for soft maps the blur that it explains.
 
         Args:
             image: Picture at the smallest size, scene-linear, (3, H, W).
@@ -224,53 +231,36 @@ class DisparityRepair:
         """
         stages, span = self._config.stages, float(np.ptp(start))
         colors, repaired = image.transpose(1, 2, 0), placement.apply(start)
+        blur = None
         if soft is not None:
-            repaired = self._restore_soft_edges(colors, soft, repaired, placement, span)
+            repaired, blur = self._restore_soft_edges(colors, soft, repaired, placement, span)
         if "thin" in stages:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
             # Traced lines have rough borders.
             repaired = snap_soft_edges(colors, repaired, local_extremes(repaired != without, 1)[1], span)
-        return repaired
+        return repaired, blur
 
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
-    ) -> np.ndarray:
-        """Return the repaired map with blurred detail and with its soft edges at colour edges, (H, W).
+    ) -> tuple[np.ndarray, BlurEstimate]:
+        """Return the map with blurred detail and with its soft edges at colour edges, (H, W), and the blur.
 
         A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
         input is better if only blur makes thin structures seem larger.
         """
         stages, versions = self._config.stages, []
-        for placed, mask in _soft_versions(soft, placement, span):
+        for growth in sorted({0, placement.growth}, key=abs):
+            placed = replace(placement, growth=growth).apply(soft)
+            mask = local_extremes(soft_pixels(placed, MIN_EDGE_HEIGHT * span), _SOFT_DILATION_PX)[1]
             blur, values = estimate_blur(placed, repaired, mask), repaired
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
                 blur = estimate_blur(placed, values, mask)
-            versions.append((blur.residual, mask, values))
-        best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
-        return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
-
-
-def _soft_versions(
-    soft: np.ndarray, placement: Placement, span: float
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return a soft map placed without and, if it has any, with its growth, and its pixels at soft edges."""
-    growths = sorted({0, placement.growth}, key=abs)
-    maps = [replace(placement, growth=growth).apply(soft) for growth in growths]
-    masks = [soft_pixels(values, MIN_EDGE_HEIGHT * span) for values in maps]
-    return [
-        (values, local_extremes(mask, _SOFT_DILATION_PX)[1]) for values, mask in zip(maps, masks, strict=True)
-    ]
-
-
-def _fitted_values(soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
-    """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
-    versions = _soft_versions(soft, placement, float(np.ptp(soft)))
-    estimates = [estimate_blur(placed, repaired, mask) for placed, mask in versions]
-    blur = min(estimates, key=lambda estimate: estimate.residual)
-    placed, mask = versions[estimates.index(blur)]
-    return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
+            versions.append((blur, values))
+        first, last = versions[0], versions[-1]
+        blur, values = last if last[0].residual < _MAX_RESIDUAL_RATIO * first[0].residual else first
+        return snap_soft_edges(image, values, blur.soft, span) if "snap" in stages else values, blur
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:

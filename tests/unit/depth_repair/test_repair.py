@@ -155,3 +155,10 @@ def test_wrong_arguments_raise_errors():
         repair(image, disparity, "always")
     with pytest.raises(ParameterError, match="NaN"):
         repair(image, np.full_like(disparity, np.nan))
+
+
+def test_arguments_of_the_earlier_network_have_no_effect():
+    with pytest.warns(DeprecationWarning, match="the repair has no network"):
+        repair = DisparityRepair(threads=1)
+    image, disparity = scene(64, 80)
+    assert_array_equal(repair(image, disparity), DisparityRepair()(image, disparity))
