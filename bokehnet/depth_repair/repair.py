@@ -194,8 +194,9 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, grown, config)
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
-        if blur is not None and blur.sigma and "values" in config.stages:
-            proposal = fit_surface_values(blur, proposal)
+        if blur is not None and "values" in config.stages:
+            # The final map has sharper edges than the one that the blur was estimated with.
+            proposal = fit_surface_values(estimate_blur(blur.original, proposal, blur.soft), proposal)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)

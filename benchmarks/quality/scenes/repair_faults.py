@@ -73,8 +73,9 @@ def _network_like(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _noisy(values: np.ndarray, rng: np.random.Generator, *, deviation: float) -> np.ndarray:
-    """Return the map with independent normal noise in each pixel, as of sensors and of few samples."""
-    return np.asarray(values + deviation * rng.standard_normal(values.shape), np.float32)
+    """Return the map with smaller foregrounds and noise in each pixel, as of sensors."""
+    shrunk = _morphology(values, rng, sizes=(-5,))
+    return np.asarray(shrunk + deviation * rng.standard_normal(values.shape), np.float32)
 
 
 FAULTS: Mapping[str, Fault] = {
@@ -87,5 +88,5 @@ FAULTS: Mapping[str, Fault] = {
     "jagged": partial(_jagged, reach=4.0),
     "moved": partial(_moved, offset=(-2, 3)),
     "network": _network_like,
-    "noisy": partial(_noisy, deviation=0.01),
+    "noisy": partial(_noisy, deviation=0.03),
 }

@@ -330,6 +330,8 @@ def fit_surface_values(blur: BlurEstimate, repaired: np.ndarray) -> np.ndarray:
         Map, (H, W), float32, within the range of the input.
     """
     original, soft, sigma, _ = blur
+    if sigma == 0:
+        return repaired
     mask = local_extremes(soft, _FIT_RADIUS_PX)[1]
 
     def squared_residual(values: np.ndarray) -> float:
