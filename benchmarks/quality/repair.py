@@ -250,11 +250,12 @@ def main() -> None:
     if arguments.ablate:
         tables["ablate"] = ablate(scenes)
     if arguments.figures:
+        count = "" if len(scenes) == _SCENES else f" --scenes {len(scenes)}"
         for name, table in tables.items():
             columns = {key: (key, ".0f" if key == "ms" else ".2f") for key in next(iter(table.values()))}
             write_figures(
                 arguments.figures / f"repair_{name}.json",
-                f"python -m benchmarks.quality.repair --{name} --figures docs/figures",
+                f"python -m benchmarks.quality.repair --{name}{count} --figures docs/figures",
                 f"{len(scenes)} path-traced scenes of 384x256; edge PSNR of the ray engine, dB",
                 columns,
                 table,
