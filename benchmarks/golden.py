@@ -301,22 +301,10 @@ def _export_one_file_random() -> int:
     return code
 
 
-def _export_repair() -> None:
-    import torch
-
-    from bokehnet.models.onnx_export import export_networks
-    from bokehnet.models.repair import RepairNet, RepairNetConfig
-
-    torch.manual_seed(0)
-    export_networks({"repair": RepairNet(RepairNetConfig())}, Path("weights/repair"), {})
-    _run_networks(Path("weights/repair"))
-
-
 _EXPORTS: dict[str, Callable[[], int | None]] = {
     "export_one_file": _export_one_file,
     "export_one_file_random": _export_one_file_random,
     "export_pair": _export_pair,
-    "export_repair": _export_repair,
 }
 
 

@@ -2,8 +2,8 @@
 
 ``python -m train.evaluate --data cycles FOLDER --method rays --method hybrid:runs/best+repair``
 
-A method is ``ENGINE[:FOLDER][+repair[:PATH]]``: the engine, the folder of its networks, and an optional
-    repair of the disparity with its network; networks default to those of the package. Edges and blur radii
+A method is ``ENGINE[:FOLDER][+repair]``: the engine, the folder of its networks, by default those of the
+    package, and an optional repair of the disparity. Edges and blur radii
     that classify pixels are always the true ones, whatever disparity a method receives.
 """
 
@@ -25,7 +25,7 @@ from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ParameterError
 from train.data.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
 from train.scores.evaluation_sets import SETS, Picture, list_pictures
-from train.scores.methods import Method, load_repair, parse_method
+from train.scores.methods import REPAIRS, Method, parse_method
 from train.scores.metrics import Scorer
 from train.scores.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
 
@@ -44,7 +44,7 @@ def score_picture(
         repaired = {None: degraded}
         for method in methods:
             if method.repair not in repaired:
-                repaired[method.repair] = load_repair(*method.repair)(shot.image, degraded)
+                repaired[method.repair] = REPAIRS[method.repair](shot.image, degraded)
             result = method.render(shot.image, repaired[method.repair], shot.aperture)
             classical = None if result.neural is None else result.classical
             rows.append(Row(method=method.name, disparity=kind, scores=scorer(result.bokeh, classical)))

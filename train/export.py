@@ -1,7 +1,6 @@
 """Export checkpoints to the ONNX files that inference uses.
 
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
-``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 ``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
 ``python -m train.export --light runs/light/last.pt --out runs/light/onnx``
 ``python -m train.export --bokehme-arnet LAST.pt --bokehme-iunet LAST.pt --out bokehnet/weights/bokehme``
@@ -22,13 +21,12 @@ from train.data.prepared import DESCRIPTION, check_features
 
 __all__ = ["main"]
 
-_NETWORKS = ("arnet", "iunet", "repair", "error", "light", "bokehme_arnet", "bokehme_iunet")
+_NETWORKS = ("arnet", "iunet", "error", "light", "bokehme_arnet", "bokehme_iunet")
 
 # Sets of networks that one export can hold.
 _SETS = (
     ["arnet"],
     ["arnet", "iunet"],
-    ["repair"],
     ["error"],
     ["light"],
     ["bokehme_arnet", "bokehme_iunet"],
@@ -73,7 +71,7 @@ def main(words: Sequence[str] | None = None) -> None:
     names = [name for name in _NETWORKS if getattr(arguments, name)]
     if names not in _SETS:
         parser.error(
-            "expected --arnet, with or without --iunet, one of --repair, --error and --light, or both of "
+            "expected --arnet, with or without --iunet, --error, --light, or both of "
             "--bokehme-arnet and --bokehme-iunet"
         )
     try:

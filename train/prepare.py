@@ -3,7 +3,7 @@
 ``python -m train.prepare --config configs/prepare_rays.toml --out data/rays``
 
 Each view of each scene gives one example with its true disparity, and ``augmented`` more with augmented
-disparity. Most augmented maps are first repaired by a trained RepairNet, as in use. A killed run resumes and
+disparity. A fraction of the augmented maps is repaired first, as in use. A killed run resumes and
 writes the same bytes.
 """
 
@@ -34,7 +34,7 @@ from train.data.examples import Skips
 from train.data.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 from train.run.command import add_settings, settings_of
 
-__all__ = ["PrepareConfig", "load_repair", "main", "prepare", "prepare_view"]
+__all__ = ["PrepareConfig", "main", "prepare", "prepare_view"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,7 @@ class PrepareConfig:
         folder: Shards of ``bokehnet synth``.
         classical: Classical renderer whose result the networks will correct.
         augmented: Number of examples with augmented disparity per view, in addition to the true one.
-        repair: Folder of the disparity repair's weights; empty leaves augmented disparity as it is.
-        repaired: Fraction of the augmented maps that are repaired.
+        repaired: Fraction of the augmented maps that are repaired, 0 to 1.
         seed: Seed of the augmentation.
         scenes_per_part: Number of scenes per file.
     """
@@ -54,8 +53,7 @@ class PrepareConfig:
     folder: str
     classical: str = "rays"
     augmented: int = 1
-    repair: str = ""
-    repaired: float = 0.7
+    repaired: float = 0.0
     seed: int = 0
     scenes_per_part: int = 25
 
@@ -88,12 +86,6 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
     return planes
 
 
-@functools.lru_cache(maxsize=1)
-def load_repair(folder: str) -> DisparityRepair:
-    """Return the disparity repair with the weights of a folder, single-threaded, cached per process."""
-    return DisparityRepair(Path(folder), threads=1)
-
-
 def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
     """Return all examples of a scene, or the error if it is damaged."""
     try:
@@ -106,8 +98,8 @@ def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> lis
         examples.append(prepare_view(sample, view, sample.disparity, config.classical))
         for _ in range(config.augmented):
             augmented = augment_disparity(sample.disparity, rng)
-            if config.repair and rng.random() < config.repaired:
-                augmented = load_repair(config.repair)(sample.image.astype(np.float32), augmented)
+            if rng.random() < config.repaired:
+                augmented = DisparityRepair()(sample.image.astype(np.float32), augmented)
             examples.append(prepare_view(sample, view, augmented, config.classical))
     return examples
 

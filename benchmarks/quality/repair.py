@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import write_figures
+from benchmarks.quality.scenes.repair_faults import FAULTS
 from benchmarks.quality.scenes.repair_material import (
     ESTIMATORS,
-    FAULTS,
     Scene,
+    layered_scene,
     read_scenes,
-    same_textured_scene,
 )
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.config import STAGES, RepairConfig
@@ -82,13 +82,13 @@ def harm_cases(scenes: list[Scene]) -> Iterator[Case]:
         for kind, estimate in ESTIMATORS.items():
             yield scene_case(kind, scene, estimate(scene, np.random.default_rng(number)))
     for kind in ("discs", "fence"):
-        scene = same_textured_scene(kind)
+        scene = layered_scene(kind)
         yield scene_case(scene.name, scene, scene.disparity)
 
 
 def fault_cases(scenes: list[Scene]) -> Iterator[Case]:
-    """Yield the true maps of all scenes with every fault."""
-    for number, scene in enumerate(scenes):
+    """Yield the true maps of all scenes and of a railing with every fault."""
+    for number, scene in enumerate([*scenes, layered_scene("railing")]):
         for kind, spoil in FAULTS.items():
             values = spoil(scene.disparity, np.random.default_rng(number))
             yield scene_case(kind, scene, np.asarray(values, np.float32))
@@ -201,7 +201,7 @@ def ablate(scenes: list[Scene]) -> dict[str, dict[str, float]]:
     faults, harm = (list(map(with_score_cache, cases(scenes))) for cases in (fault_cases, harm_cases))
     table = {}
     for missing in (None, *STAGES):
-        repair = DisparityRepair(threads=1, config=RepairConfig(stages=frozenset(STAGES) - {missing}))
+        repair = DisparityRepair(config=RepairConfig(stages=frozenset(STAGES) - {missing}))
         gains, harms = by_kind(faults, evaluate(faults, repair)), by_kind(harm, evaluate(harm, repair))
         name = "all stages" if missing is None else f"without {missing}"
         table[name] = {
@@ -233,28 +233,29 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.data:
         cases = list(map(with_score_cache, data_cases(arguments.data, arguments.shots)))
-        print_table(by_kind(cases, evaluate(cases, DisparityRepair(threads=1))))
+        print_table(by_kind(cases, evaluate(cases, DisparityRepair())))
         return
     scenes = read_scenes(arguments.cache, arguments.scenes)
     tables = {}
     if arguments.harm:
         cases = list(map(with_score_cache, harm_cases(scenes)))
-        tables["harm"] = by_kind(cases, evaluate(cases, DisparityRepair(threads=1)))
+        tables["harm"] = by_kind(cases, evaluate(cases, DisparityRepair()))
         print_table(tables["harm"])
         if arguments.large:
-            print_table(large_rows(arguments.cache, arguments.large, DisparityRepair(threads=1)))
+            print_table(large_rows(arguments.cache, arguments.large, DisparityRepair()))
     if arguments.sequence:
         cases = list(map(with_score_cache, fault_cases(scenes)))
-        tables["sequence"] = by_kind(cases, sequence_rows(cases, DisparityRepair(threads=1)))
+        tables["sequence"] = by_kind(cases, sequence_rows(cases, DisparityRepair()))
         print_table(tables["sequence"])
     if arguments.ablate:
         tables["ablate"] = ablate(scenes)
     if arguments.figures:
+        count = "" if len(scenes) == _SCENES else f" --scenes {len(scenes)}"
         for name, table in tables.items():
             columns = {key: (key, ".0f" if key == "ms" else ".2f") for key in next(iter(table.values()))}
             write_figures(
                 arguments.figures / f"repair_{name}.json",
-                f"python -m benchmarks.quality.repair --{name} --figures docs/figures",
+                f"python -m benchmarks.quality.repair --{name}{count} --figures docs/figures",
                 f"{len(scenes)} path-traced scenes of 384x256; edge PSNR of the ray engine, dB",
                 columns,
                 table,

@@ -13,7 +13,6 @@ STAGES = (
     "denoise",
     "sharpen",
     "register",
-    "network",
     "deblur",
     "snap",
     "thin",
@@ -21,10 +20,10 @@ STAGES = (
     "values",
 )
 
-# Side of a block, pixels: the network halves its input three times.
+# Side of the blocks in which changes are accepted, pixels.
 BLOCK_PX = 8
 
-# Minimum height of a depth edge, as a fraction of the range of the map; the network was trained with it.
+# Minimum height of a depth edge, as a fraction of the range of the map.
 MIN_EDGE_HEIGHT = 0.05
 
 
@@ -42,7 +41,7 @@ class RepairConfig:
         max_thin_fraction: Fraction of thin structures below which they are grown, because the map may have
             lost them: 0.000 in opened and eroded maps, 0.006 and more in maps of stereo and in blurred maps,
             0.043 and more in exact maps of scenes with thin structures.
-        base_side_px: Maximum side of the size at which map and picture are compared and the network runs.
+        base_side_px: Maximum side of the size at which map and picture are compared and the stages propose.
         max_shift_px: Upper bound of translation and growth.
         min_certainty: Minimum certainty of the edge profile of a map for any change. Profiles of random maps
             reach 0.01, those of interpolated lidar points 0.21, those of faulty maps 0.3 and more.

@@ -4,7 +4,7 @@ Method: the noise is the median absolute deviation of the finest diagonal Haar d
 "Ideal spatial adaptation by wavelet shrinkage", Biometrika 1994); softness is the fraction of edge pixels
 between both sides of their edge; the agreement is that of the edge profile
 (:mod:`bokehnet.depth_repair.edge_profile`), and offset and growth are those with the best agreement
-(:mod:`bokehnet.depth_repair.stages.register`). No network is involved.
+(:mod:`bokehnet.depth_repair.stages.register`).
 
 In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: a :class:`Diagnosis`.
 """
@@ -34,7 +34,7 @@ _MAX_EDGES, _SCALES = 4000, (1, 2, 3)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Diagnosis:
-    """Errors of a map that can be measured without a network.
+    """Errors of a map that can be measured.
 
     Attributes:
         noise: Standard deviation of the noise, as a fraction of the range of the map.

@@ -7,7 +7,7 @@ mean over all edges peaks where the edges of the picture lie. The standard error
 neighbouring edge pixels.
 
 In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: :class:`EdgeSamples`, from which
-the diagnosis and the acceptance take their evidence; no network is involved.
+the diagnosis and the acceptance take their evidence.
 """
 
 import math

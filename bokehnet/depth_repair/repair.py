@@ -6,20 +6,18 @@ Steps; each stage is documented in its own module with its published method:
 2. at the smallest size of an image pyramid soft edges are sharpened (``stages/sharpen.py``), and offset,
    growth and agreement with the picture are measured (``diagnosis.py``). A map whose edges do not follow the
    picture stays as it is;
-3. proposals: the map is placed (``stages/register.py``), the network moves edges (``stages/network.py``),
-   blurred detail is restored (``stages/deblur.py``), and so are thin structures
-   (``stages/thin_structures.py``); maps without any thin structure are grown along their colours
-   (``stages/thin_growth.py``);
+3. proposals: the map is placed (``stages/register.py``), blurred detail is restored (``stages/deblur.py``),
+   and so are thin structures (``stages/thin_structures.py``); maps without any thin structure are grown along
+   their colours (``stages/thin_growth.py``);
 4. one rule accepts the changes in each place (``acceptance.py``), and surfaces of soft maps get the values
    that reproduce the input when blurred;
 5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
 In: all-in-focus picture, scene-linear float32 (H, W, 3), and disparity (H, W) in any unit, rising towards the
-camera. Out: a :class:`RepairedMap` in the same unit. ONNX Runtime runs the network; torch is not needed.
+camera. Out: a :class:`RepairedMap` in the same unit. All steps are in closed form; none has learned weights.
 """
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -27,12 +25,14 @@ import numpy.typing as npt
 
 from bokehnet.arrays.halving import halvings
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.deprecation import warn_deprecated
 from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
 from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.deblur import (
+    BlurEstimate,
     estimate_blur,
     fit_surface_values,
     restore_blurred_detail,
@@ -40,15 +40,13 @@ from bokehnet.depth_repair.stages.deblur import (
 )
 from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
-from bokehnet.depth_repair.stages.network import RepairNetwork, network_memory
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
 from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
-from bokehnet.inference.session import WEIGHTS
 from bokehnet.progress import Progress, ignore_progress
 
-__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap", "network_memory"]
+__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap"]
 
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
@@ -90,18 +88,14 @@ class DisparityRepair:
     """Repair of disparity maps on the CPU.
 
     Args:
-        weights: Folder with the network and its manifest; default: the weights of the package.
-        threads: Number of threads of the network; 0 uses all cores.
+        weights: Without effect: folder of the network of version 0.1.
+        threads: Without effect: number of threads of that network.
         config: Numbers of the repair.
-
-    Raises:
-        ModelFileError: The network is missing or damaged.
     """
 
-    def __init__(
-        self, weights: Path | None = None, threads: int = 0, config: RepairConfig | None = None
-    ) -> None:
-        self._network = RepairNetwork(weights or WEIGHTS / "repair", threads)
+    def __init__(self, weights: object = None, threads: int = 0, config: RepairConfig | None = None) -> None:
+        if weights is not None or threads:
+            warn_deprecated("the repair has no network: version 0.3 removes weights= and threads=")
         self._config = config or RepairConfig()
 
     def __call__(
@@ -126,7 +120,7 @@ class DisparityRepair:
         Noise is removed first. Every output value lies within the range of nearby input values, so that flat
         regions do not change. The exception is detail that blur has removed from a soft map
         (:mod:`bokehnet.depth_repair.stages.deblur`); it lies within the range of the whole map. The memory
-        beyond input and output is that of a tile of the network and twice a third of the picture.
+        beyond input and output is twice a third of the picture.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -184,15 +178,12 @@ class DisparityRepair:
         decides = mode == "auto"
         if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
-        proposal = start
+        proposal, blur = start, None
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
         for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
-            share = _BASE_PROGRESS / len(diagnosis.candidates)
-
-            def report(done: int, total: int, first: float = number * share, share: float = share) -> None:
-                progress(round(1000 * (first + share * done / total)), 1000)
-
-            proposed = self._propose(colors, start, small if is_soft else None, placement, report)
+            progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
+            proposed, its_blur = self._propose(colors, start, small if is_soft else None, placement)
+            blur = its_blur if number == 0 else blur
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
@@ -203,14 +194,13 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, grown, config)
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
-        if is_soft and "values" in config.stages:
-            proposal = _fitted_values(small, proposal, diagnosis.placement)
+        if blur is not None and "values" in config.stages:
+            # The final map has sharper edges than the one that the blur was estimated with.
+            proposal = fit_surface_values(estimate_blur(blur.original, proposal, blur.soft), proposal)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
         misplaced = changed_pixels(small, proposal)[near_edges].sum() / max(near_edges.sum(), 1)
-        if scale > 1:
-            self._network.release_memory()
         levels = len(maps) - 1
         for level in range(levels - 1, -1, -1):
             done = _BASE_PROGRESS + (1 - _BASE_PROGRESS) * 4.0 ** (-level - 1)
@@ -231,70 +221,47 @@ class DisparityRepair:
         start: np.ndarray,
         soft: np.ndarray | None,
         placement: Placement,
-        progress: Progress,
-    ) -> np.ndarray:
-        """Return the map that the stages propose, (H, W).
+    ) -> tuple[np.ndarray, BlurEstimate | None]:
+        """Return the map that the stages propose, (H, W), and for soft maps the blur that it explains.
 
         Args:
             image: Picture at the smallest size, scene-linear, (3, H, W).
             start: Map with sharp edges, (H, W).
             soft: The same map with its soft edges; None for sharp maps.
             placement: Offset and growth of the map.
-            progress: Callback of the network.
         """
         stages, span = self._config.stages, float(np.ptp(start))
         colors, repaired = image.transpose(1, 2, 0), placement.apply(start)
-        if "network" in stages:
-            repaired = self._network(image, repaired, span, progress)
+        blur = None
         if soft is not None:
-            repaired = self._restore_soft_edges(colors, soft, repaired, placement, span)
+            repaired, blur = self._restore_soft_edges(colors, soft, repaired, placement, span)
         if "thin" in stages:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
-            # Traced lines have rough borders, and the network leaves haze around pieces of lines.
-            lines = repaired != without
-            hazy = local_extremes(lines, BLOCK_PX)[1] & soft_pixels(repaired, MIN_EDGE_HEIGHT * span)
-            repaired = snap_soft_edges(colors, repaired, local_extremes(lines | hazy, 1)[1], span)
-        return repaired
+            # Traced lines have rough borders.
+            repaired = snap_soft_edges(colors, repaired, local_extremes(repaired != without, 1)[1], span)
+        return repaired, blur
 
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
-    ) -> np.ndarray:
-        """Return the repaired map with blurred detail and with its soft edges at colour edges, (H, W).
+    ) -> tuple[np.ndarray, BlurEstimate]:
+        """Return the map with blurred detail and with its soft edges at colour edges, (H, W), and the blur.
 
         A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
         input is better if only blur makes thin structures seem larger.
         """
         stages, versions = self._config.stages, []
-        for placed, mask in _soft_versions(soft, placement, span):
+        for growth in sorted({0, placement.growth}, key=abs):
+            placed = replace(placement, growth=growth).apply(soft)
+            mask = local_extremes(soft_pixels(placed, MIN_EDGE_HEIGHT * span), _SOFT_DILATION_PX)[1]
             blur, values = estimate_blur(placed, repaired, mask), repaired
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
                 blur = estimate_blur(placed, values, mask)
-            versions.append((blur.residual, mask, values))
-        best = versions[-1] if versions[-1][0] < _MAX_RESIDUAL_RATIO * versions[0][0] else versions[0]
-        return snap_soft_edges(image, best[2], best[1], span) if "snap" in stages else best[2]
-
-
-def _soft_versions(
-    soft: np.ndarray, placement: Placement, span: float
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return a soft map placed without and, if it has any, with its growth, and its pixels at soft edges."""
-    growths = sorted({0, placement.growth}, key=abs)
-    maps = [replace(placement, growth=growth).apply(soft) for growth in growths]
-    masks = [soft_pixels(values, MIN_EDGE_HEIGHT * span) for values in maps]
-    return [
-        (values, local_extremes(mask, _SOFT_DILATION_PX)[1]) for values, mask in zip(maps, masks, strict=True)
-    ]
-
-
-def _fitted_values(soft: np.ndarray, repaired: np.ndarray, placement: Placement) -> np.ndarray:
-    """Return the repaired map whose surfaces have the values of a soft map before its blur, (H, W)."""
-    versions = _soft_versions(soft, placement, float(np.ptp(soft)))
-    estimates = [estimate_blur(placed, repaired, mask) for placed, mask in versions]
-    blur = min(estimates, key=lambda estimate: estimate.residual)
-    placed, mask = versions[estimates.index(blur)]
-    return fit_surface_values(placed, repaired, mask, blur.sigma) if blur.sigma else repaired
+            versions.append((blur, values))
+        first, last = versions[0], versions[-1]
+        blur, values = last if last[0].residual < _MAX_RESIDUAL_RATIO * first[0].residual else first
+        return snap_soft_edges(image, values, blur.soft, span) if "snap" in stages else values, blur
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]
 
-# Shipped networks: a folder per engine with networks, and ``repair``.
+# Shipped networks: a folder per engine with networks, and ``error``.
 WEIGHTS = Path(__file__).parent.parent / "weights"
 
 _FORMAT = 1

@@ -16,7 +16,6 @@ from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.light import LightNet, LightNetConfig
 from bokehnet.models.onnx_import import read_exported
-from bokehnet.models.repair import RepairNet, RepairNetConfig
 
 __all__ = ["NETWORKS", "build_network", "load_checkpoint", "load_network", "load_weights", "save_checkpoint"]
 
@@ -31,7 +30,6 @@ class _Network:
 NETWORKS = {
     "arnet": _Network(ARNet, ARNetConfig),
     "iunet": _Network(IUNet, IUNetConfig),
-    "repair": _Network(RepairNet, RepairNetConfig),
     "error": _Network(ErrorNet, ErrorNetConfig),
     "light": _Network(LightNet, LightNetConfig),
     "bokehme_arnet": _Network(BokehMeARNet, BokehMeConfig),

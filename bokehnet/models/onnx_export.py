@@ -22,7 +22,6 @@ from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.light import FEATURES as LIGHT_FEATURES
 from bokehnet.models.light import LightNet
-from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
 
 __all__ = ["PARITY", "export_networks"]
@@ -48,8 +47,6 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     def noise(channels: int, rows: int = height, columns: int = width) -> Tensor:
         return torch.rand(1, channels, rows, columns, generator=generator)
 
-    if isinstance(network, RepairNet):
-        return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
     if isinstance(network, ErrorNet):
         pictures = {name: noise(3) for name in ("image", "rays", "scatter")}
         return {**pictures, "features": noise(len(FEATURES))}
@@ -83,12 +80,11 @@ def _export(network: nn.Module, path: Path) -> None:
         sizes = {"features": {0: torch.export.Dim("regions", min=2)}}
     if "coarse" in sizes:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
-    for scalar in sizes.keys() & {"span", "gamma"}:
-        sizes[scalar] = {}
+    if "gamma" in sizes:
+        sizes["gamma"] = {}
     outputs = {
         "ARNet": ["bokeh", "error_map"],
         "IUNet": ["bokeh"],
-        "RepairNet": ["repaired", "votes"],
         "ErrorNet": ["expected_error"],
         "LightNet": ["log_gain", "probability"],
         "BokehMeARNet": ["bokeh", "error_map"],
@@ -137,7 +133,7 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``error``, ``light``, ``bokehme_arnet`` and
+        networks: Trained networks by name: ``error``, ``light``, ``bokehme_arnet`` and
             ``bokehme_iunet``, or ``arnet`` and ``iunet`` with the same ``network_max_radius``.
         folder: Target folder; created if missing. The manifest is written last, so that a broken export is
             never used.

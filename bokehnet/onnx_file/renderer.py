@@ -23,7 +23,6 @@ from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.rays import render_rays
-from bokehnet.onnx_file.repair import build_repair, compare_repair
 from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
@@ -33,8 +32,8 @@ from bokehnet.version import __version__
 
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "RAYS_PARITY", "build_model", "export_renderer"]
 
-# Engines, and the baseline that has a file for comparisons; and the file that repairs maps.
-BASELINE, REPAIR = "bokehme", "repair"
+# Engines, and the baseline that has a file for comparisons.
+BASELINE = "bokehme"
 ONE_FILE_ENGINES = (*(name for name, spec in ENGINES.items() if spec.one_file), BASELINE)
 
 # Largest blur in pixels with which that file is compared; its scatter has a step for each offset of a disc.
@@ -96,16 +95,13 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
     Args:
         weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
-        engine: ``"fast"``, ``"neural"``, ``"rays"``, the baseline ``"bokehme"``, or ``"repair"`` for
-            :func:`bokehnet.onnx_file.repair.build_repair`.
+        engine: ``"fast"``, ``"neural"``, ``"rays"``, or the baseline ``"bokehme"``.
 
     Raises:
         ParameterError: Another engine, or weights for an engine without networks.
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
-    check_choice("engine", engine, (*ONE_FILE_ENGINES, REPAIR))
-    if engine == REPAIR:
-        return build_repair(weights)
+    check_choice("engine", engine, ONE_FILE_ENGINES)
     if engine == BASELINE:
         folder = weights or WEIGHTS / BASELINE
         return build_bokehme(*(onnx.load(folder / f"bokehme_{name}.onnx") for name in ("arnet", "iunet")))
@@ -196,10 +192,6 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress | None) -> list[float]:
     """Return the PSNR in dB between a file's content in ONNX Runtime and the package, one per trial."""
-    if engine == REPAIR:
-        return compare_repair(
-            model, weights, [_trial_picture(height, width) for height, width, *_ in _TRIALS]
-        )
     if engine == BASELINE:
         return _compare_baseline(model)
     report = progress or ignore_progress

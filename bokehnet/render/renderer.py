@@ -349,7 +349,7 @@ class BokehRenderer:
         return requested.name or self.engine, requested.weights or self._weights, device
 
     def _repairer(self) -> DisparityRepair:
-        return self._cached("repair", lambda: DisparityRepair(threads=self._threads))
+        return self._cached("repair", DisparityRepair)
 
     def _engine(self, name: str, weights: Path | None, device: str) -> Engine:
         def make() -> Engine:

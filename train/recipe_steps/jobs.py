@@ -21,7 +21,7 @@ _TOOLS = [
     "bokehnet.cli.app",
     *(f"train.{name}" for name in ("prepare", "prepare_light", "export", "evaluate", "card")),
 ]
-_TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error", "light", "bokehme")]
+_TOOLS += [f"train.train_{name}" for name in ("arnet", "iunet", "error", "light", "bokehme")]
 
 
 def call(words: Sequence[str], processes: int = 1) -> None:

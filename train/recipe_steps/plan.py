@@ -21,7 +21,6 @@ __all__ = ["COMMANDS", "Recipe", "Step", "load_recipe"]
 COMMANDS = {
     "synth": ("bokehnet", "synth"),
     "prepare": ("python", "-m", "train.prepare"),
-    "repair": ("python", "-m", "train.train_repair"),
     "error": ("python", "-m", "train.train_error"),
     "prepare_light": ("python", "-m", "train.prepare_light"),
     "light": ("python", "-m", "train.train_light"),
@@ -48,7 +47,7 @@ class Step:
     """One command of a recipe.
 
     Attributes:
-        makes: Output folder or file, as configurations name it: ``data/planes``, ``runs/repair``.
+        makes: Output folder or file, as configurations name it: ``data/planes``, ``runs/arnet``.
         by: Tool, one of ``COMMANDS``.
         config: TOML file of the tool; empty for tools without one.
         settings: Overrides KEY=VALUE of the configuration.
@@ -61,7 +60,6 @@ class Step:
     by: Literal[
         "synth",
         "prepare",
-        "repair",
         "error",
         "prepare_light",
         "light",
@@ -85,7 +83,7 @@ class Step:
     @property
     def trains(self) -> bool:
         """True if the step trains a network."""
-        return self.by in ("repair", "error", "light", "arnet", "iunet", "bokehme")
+        return self.by in ("error", "light", "arnet", "iunet", "bokehme")
 
     @property
     def shared(self) -> bool:

@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks.methods.classical_repair import guided, joint_bilateral
 from bokehnet.checks import check_choice
-from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.depth_repair.repair import DisparityRepair, RepairMode
 from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderResult
 
-__all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]
+__all__ = ["REPAIRS", "Method", "parse_method"]
 
 # Names of repairs in earlier versions.
 _OLD_REPAIR_NAMES = {"refine": "repair"}
@@ -27,26 +27,23 @@ Repair = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
-    """Parsed form of ``ENGINE[:FOLDER][+REPAIR[:PATH]]``; picklable.
+    """Parsed form of ``ENGINE[:FOLDER][+REPAIR]``; picklable.
 
     Attributes:
         name: Original text.
         engine: One of ``ENGINES``.
         weights: Folder of the engine's networks; default: those of the package.
-        repair: One of ``REPAIRS`` and the path of its network; a path of ``None`` means the package's
-            network.
+        repair: One of ``REPAIRS``; default: none.
     """
 
     name: str
     engine: str
     weights: Path | None = None
-    repair: tuple[str, Path | None] | None = None
+    repair: str | None = None
 
     def load(self) -> None:
         """Load all networks, so that a missing file raises at once."""
         _renderer(self.engine, Aperture(), self.weights, numba.get_num_threads())
-        if self.repair is not None:
-            load_repair(*self.repair)
 
     def render(self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> RenderResult:
         """Render with defocus that has already been repaired."""
@@ -56,16 +53,15 @@ class Method:
 
 
 def parse_method(text: str) -> Method:
-    """Read ``ENGINE[:FOLDER][+REPAIR[:PATH]]``, as in ``hybrid:runs/best/weights+repair``.
+    """Read ``ENGINE[:FOLDER][+REPAIR]``, as in ``hybrid:runs/best/weights+repair``.
 
     Raises:
         ParameterError: Unknown engine or repair.
     """
     base, plus, ending = text.rpartition("+")
-    head, repair = (base, ending) if plus else (text, "")
+    head, kind = (base, ending) if plus else (text, "")
     engine, _, weights = head.partition(":")
     check_choice("--method", engine, ENGINES)
-    kind, _, path = repair.partition(":")
     kind = _OLD_REPAIR_NAMES.get(kind, kind)
     if plus:
         check_choice("--method", kind, REPAIRS)
@@ -73,7 +69,7 @@ def parse_method(text: str) -> Method:
         name=text,
         engine=engine,
         weights=Path(weights) if weights else None,
-        repair=(kind, Path(path) if path else None) if plus else None,
+        repair=kind if plus else None,
     )
 
 
@@ -82,20 +78,13 @@ def _renderer(engine: str, aperture: Aperture, weights: Path | None, threads: in
     return BokehRenderer(engine, aperture=aperture, weights=weights, threads=threads)
 
 
-@cache
-def load_repair(kind: str, path: Path | None) -> Repair:
-    """Return one of ``REPAIRS``, loaded once per path."""
-    return REPAIRS[kind](path)
+def _disparity_repair(mode: RepairMode) -> Repair:
+    return lambda image, disparity: DisparityRepair()(image, disparity, mode)
 
 
-def _disparity_repair(path: Path | None, mode: str) -> Repair:
-    repair = DisparityRepair(path, threads=numba.get_num_threads())
-    return lambda image, disparity: repair(image, disparity, mode)
-
-
-REPAIRS: dict[str, Callable[[Path | None], Repair]] = {
-    "repair": lambda path: _disparity_repair(path, "on"),
-    "auto": lambda path: _disparity_repair(path, "auto"),
-    "guided": lambda path: guided,
-    "bilateral": lambda path: joint_bilateral,
+REPAIRS: dict[str, Repair] = {
+    "repair": _disparity_repair("on"),
+    "auto": _disparity_repair("auto"),
+    "guided": guided,
+    "bilateral": joint_bilateral,
 }

@@ -37,7 +37,6 @@ from bokehnet.synth.shards import ShardSet, TrainingSample
 from bokehnet.torch import layered, split_layers
 from train.data.augmentation import augment_disparity
 from train.data.degradation import DEGRADED, degrade
-from train.data.repair_data import busy_window
 from train.scores.metrics import compare
 
 # Half-width in pixels of the window whose extremes bound a correction.
@@ -46,6 +45,10 @@ _REACH_PX = 3
 # Side of a crop in pixels, crops per step, pupil samples, and the largest blur of a view in pixels, which is
 # the margin of a crop without loss.
 _CROP_PX, _BATCH, _SAMPLES, _MAX_BLUR_PX = 60, 2, 4, 10
+
+# Candidates of a crop, and the minimum difference of neighbours at a depth edge, as a fraction of the range;
+# a crop without a depth edge teaches nothing.
+_CANDIDATE_CROPS, _MIN_STEP = 3, 0.03
 
 # Crops per step of the training by depth, and the disparity step of half weight, as a fraction of the range.
 _DEPTH_BATCH, _HALF_WEIGHT_STEP = 8, 0.05
@@ -109,7 +112,7 @@ class _View:
 
 
 def _training_views(folder: Path, count: int, seed: int) -> list[_View]:
-    repair, rng, views = DisparityRepair(threads=1), np.random.default_rng(seed), []
+    repair, rng, views = DisparityRepair(), np.random.default_rng(seed), []
     for sample in tqdm([x for _, x in zip(range(count), _samples(folder), strict=False)], desc="maps"):
         image, true = sample.image.astype(np.float32), sample.disparity
         for view, (blur, focus) in enumerate(zip(sample.blur, sample.focus, strict=True)):
@@ -135,12 +138,22 @@ def _samples(folder: Path) -> Iterator[TrainingSample]:
     return (shards[number] for number in range(len(shards)))
 
 
+def _busy_window(true: np.ndarray, rng: np.random.Generator) -> tuple[slice, slice]:
+    """Return the window with the most depth edges of a few random ones."""
+    edges = np.zeros(true.shape, bool)
+    edges[1:] |= np.abs(np.diff(true, axis=0)) > _MIN_STEP * np.ptp(true)
+    edges[:, 1:] |= np.abs(np.diff(true, axis=1)) > _MIN_STEP * np.ptp(true)
+    tops, lefts = (rng.integers(max(1, side - _CROP_PX + 1), size=_CANDIDATE_CROPS) for side in true.shape)
+    windows = [np.s_[y : y + _CROP_PX, x : x + _CROP_PX] for y, x in zip(tops, lefts, strict=True)]
+    return max(windows, key=lambda window: int(edges[window].sum()))
+
+
 def _batch(views: list[_View], rng: np.random.Generator, count: int) -> dict[str, Tensor]:
     """Draw crops at depth edges."""
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("image", "map", "true", "truth", "numbers")}
     for _ in range(count):
         view = views[int(rng.integers(len(views)))]
-        window = busy_window(view.true, _CROP_PX, rng)
+        window = _busy_window(view.true, rng)
         source = view.true if rng.random() < _TRUE_FRACTION else view.repaired
         rows["image"].append(view.image[window].transpose(2, 0, 1))
         rows["map"].append(source[window][None])
@@ -230,7 +243,7 @@ def _corrected(network: Corrector, image: np.ndarray, disparity: np.ndarray) -> 
 
 def score(folder: Path, count: int, networks: dict[str, Corrector]) -> dict[str, dict[str, float]]:
     """Return the edge PSNR of the package's rays in dB by method and kind of map."""
-    repair = DisparityRepair(threads=1)
+    repair = DisparityRepair()
     sums: dict[str, dict[str, list[float]]] = {}
     for sample in tqdm(list(_samples(folder))[:count], desc="scores"):
         image, truth = sample.image.astype(np.float32), sample.bokeh[0].astype(np.float32)

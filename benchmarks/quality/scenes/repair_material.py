@@ -14,9 +14,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.ndimage import (
     gaussian_filter,
     map_coordinates,
-    maximum_filter,
     median_filter,
-    minimum_filter,
     uniform_filter,
     zoom,
 )
@@ -28,7 +26,7 @@ from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
 
-__all__ = ["ESTIMATORS", "FAULTS", "Scene", "read_scenes", "same_textured_scene"]
+__all__ = ["ESTIMATORS", "Scene", "layered_scene", "read_scenes"]
 
 CONFIG = SynthConfig(
     seed=3000017,
@@ -186,31 +184,37 @@ def read_scenes(folder: Path, count: int = CONFIG.scenes, *, large: bool = False
     return scenes
 
 
-def same_textured_scene(kind: str = "discs") -> Scene:
-    """Return discs or a wire fence in front of a wall of the same texture; the truth is composed of layers.
+def layered_scene(kind: str = "discs") -> Scene:
+    """Return a thing in focus in front of a wall; the truth is composed of layers.
 
-    The picture shows no edge, so that nothing but the map knows where the surfaces end.
+    Discs and fence have the texture of the wall: the picture shows no edge, so that nothing but the map knows
+    where the surfaces end. The railing has colours of its own: wide posts, which all faulty maps keep, and
+    wires.
 
     Args:
-        kind: "discs" or "fence".
+        kind: "discs", "fence" or "railing".
     """
     rng = np.random.default_rng(5)
     height, width, radius = 256, 384, 8.0
     y, x = np.mgrid[:height, :width]
     if kind == "discs":
         near = (np.hypot(y % 128 - 64, x % 128 - 64) < 36).astype(np.float32)
+    elif kind == "railing":
+        near = ((x % 96 < 14) | ((y + x // 12) % 28 < 3)).astype(np.float32)
     else:
         near = (((x + y) % 40 < 4) | ((x - y) % 40 < 4)).astype(np.float32)
     textures = [
         gaussian_filter(rng.standard_normal((height, width, 3)), (1.2, 1.2, 0), mode="wrap") for _ in range(2)
     ]
     front, back = (np.float32(0.25) * np.exp(np.float32(1.5) * t.astype(np.float32)) for t in textures)
+    if kind == "railing":
+        front = np.float32([0.5, 0.4, 0.25]) * front ** np.float32(0.1)
     edge = int(np.ceil(radius)) + 1
     offsets = np.mgrid[-edge : edge + 1, -edge : edge + 1]
     disc = np.clip(radius + 0.5 - np.hypot(*offsets), 0, 1)
     blurred = np.stack([_convolved(back[..., c], disc / disc.sum()) for c in range(3)], -1)
     return Scene(
-        name=f"same texture, {kind}",
+        name=kind if kind == "railing" else f"same texture, {kind}",
         image=np.where(near[..., None] > 0, front, back),
         disparity=near,
         truth=np.where(near[..., None] > 0, front, blurred).astype(np.float32),
@@ -419,71 +423,4 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "missing bands": with_missing_band,
     "outliers": with_outliers,
     "random": random_map,
-}
-
-
-# Faults: functions of the exact map and a random generator that return a map, (H, W).
-Fault = Callable[[np.ndarray, np.random.Generator], np.ndarray]
-
-
-def _morphology(values: np.ndarray, _: np.random.Generator, *, sizes: tuple[int, ...]) -> np.ndarray:
-    """Return the map after grey-scale dilations (positive sizes) and erosions (negative sizes)."""
-    for size in sizes:
-        values = (maximum_filter if size > 0 else minimum_filter)(values, abs(size), mode="nearest")
-    return values
-
-
-def _blurred(values: np.ndarray, _: np.random.Generator, *, sigma: float) -> np.ndarray:
-    return np.asarray(gaussian_filter(values, sigma, mode="nearest"), np.float32)
-
-
-def _coarse(values: np.ndarray, _: np.random.Generator, *, factor: int) -> np.ndarray:
-    """Return the map at a fraction of its size, enlarged by bilinear interpolation."""
-    height, width = values.shape
-    small = zoom(uniform_filter(values, factor), 1 / factor, order=1)
-    return np.asarray(zoom(small, (height / small.shape[0], width / small.shape[1]), order=1), np.float32)
-
-
-def _ringing(values: np.ndarray, _: np.random.Generator, *, factor: int) -> np.ndarray:
-    """Return the map at a fraction of its size, enlarged by cubic splines, which overshoot at edges."""
-    height, width = values.shape
-    small = zoom(uniform_filter(values, factor), 1 / factor, order=1)
-    return np.asarray(zoom(small, (height / small.shape[0], width / small.shape[1]), order=3), np.float32)
-
-
-def _jagged(values: np.ndarray, rng: np.random.Generator, *, reach: float) -> np.ndarray:
-    """Return the map with edges displaced by a smooth random field of up to ``reach`` pixels."""
-    fields = [gaussian_filter(rng.standard_normal(values.shape), 10) for _ in range(2)]
-    y, x = np.mgrid[: values.shape[0], : values.shape[1]]
-    place = [y + reach * fields[0] / np.abs(fields[0]).max(), x + reach * fields[1] / np.abs(fields[1]).max()]
-    return np.asarray(gaussian_filter(map_coordinates(values, place, order=0, mode="nearest"), 1), np.float32)
-
-
-def _moved(values: np.ndarray, _: np.random.Generator, *, offset: tuple[int, int]) -> np.ndarray:
-    """Return the map displaced down and to the right, its border repeated."""
-    padding = [(max(pixels, 0), max(-pixels, 0)) for pixels in offset]
-    padded = np.pad(values, padding, "edge")
-    rows, columns = (
-        slice(max(-pixels, 0), max(-pixels, 0) + side)
-        for pixels, side in zip(offset, values.shape, strict=True)
-    )
-    return padded[rows, columns]
-
-
-def _network_like(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the map as a depth network makes it: two sizes coarser, edges a pixel off, bent tones."""
-    bent = values ** np.float32(0.8)
-    return _blurred(_jagged(_coarse(bent, rng, factor=2), rng, reach=2.0), rng, sigma=0.7)
-
-
-FAULTS: Mapping[str, Fault] = {
-    "blurred": partial(_blurred, sigma=2.5),
-    "eroded": partial(_morphology, sizes=(-5,)),
-    "dilated": partial(_morphology, sizes=(5,)),
-    "opened": partial(_morphology, sizes=(-7, 7)),
-    "coarse": partial(_coarse, factor=4),
-    "ringing": partial(_ringing, factor=4),
-    "jagged": partial(_jagged, reach=4.0),
-    "moved": partial(_moved, offset=(-2, 3)),
-    "network": _network_like,
 }

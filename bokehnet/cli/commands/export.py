@@ -14,8 +14,7 @@ __all__ = ["export"]
 @click.option(
     "--engine",
     default="fast",
-    help="Engine: fast, neural (better and slower), rays (best at depth edges), or bokehme (baseline); "
-    "repair: the network that repairs maps.",
+    help="Engine: fast, neural (better and slower), rays (best at depth edges), or bokehme (baseline).",
 )
 @click.option(
     "--weights",

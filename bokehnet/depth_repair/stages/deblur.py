@@ -133,11 +133,15 @@ class BlurEstimate(NamedTuple):
     """Estimate of the blur of a map.
 
     Attributes:
+        original: Map with the blur, (H, W).
+        soft: Pixels at its soft edges, (H, W), bool.
         sigma: Standard deviation of the Gaussian that best maps the repaired map to the input, pixels; 0
             if the input is hardly soft.
         residual: Mean square root of the absolute residuals that remain, in square roots of the map's unit.
     """
 
+    original: np.ndarray
+    soft: np.ndarray
     sigma: float
     residual: float
 
@@ -156,7 +160,7 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     """
     ys, xs = np.nonzero(soft)
     if len(ys) == 0:
-        return BlurEstimate(0.0, 0.0)
+        return BlurEstimate(original, soft, 0.0, 0.0)
     stride = -(-len(ys) // _BLUR_SAMPLES)
     ys, xs = ys[::stride], xs[::stride]
     mean_roots, residuals = [], np.empty(len(ys), np.float32)
@@ -166,10 +170,10 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
         mean_roots.append(float(np.sqrt(residuals).mean()))
     best = int(np.argmin(mean_roots))
     if best in (0, len(mean_roots) - 1):
-        return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
+        return BlurEstimate(original, soft, _SIGMAS_PX[best] if best else 0.0, mean_roots[best])
     before, minimum, after = mean_roots[best - 1 : best + 2]
     vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
-    return BlurEstimate(_SIGMAS_PX[best] * 1.25**vertex, minimum)
+    return BlurEstimate(original, soft, _SIGMAS_PX[best] * 1.25**vertex, minimum)
 
 
 @njit(cache=True)
@@ -310,9 +314,7 @@ def _add_mean_residuals(residual, disparity, mask, radius, tolerance, result):  
             result[y, x] = value + total / max(count, 1)
 
 
-def fit_surface_values(
-    original: np.ndarray, repaired: np.ndarray, soft: np.ndarray, sigma: float
-) -> np.ndarray:
+def fit_surface_values(blur: BlurEstimate, repaired: np.ndarray) -> np.ndarray:
     """Return a repaired map whose surfaces near edges have values that reproduce the input.
 
     Blur pulls the values of thin structures and narrow gaps towards their surroundings. The mean residual of
@@ -321,14 +323,15 @@ def fit_surface_values(
     surfaces included, edges are off, and the map stays as it is.
 
     Args:
-        original: Input map, (H, W), float32.
+        blur: Input map and its blur from :func:`estimate_blur`.
         repaired: Map with sharp edges, (H, W), float32.
-        soft: Pixels at soft edges of the input, (H, W), bool.
-        sigma: Standard deviation of the blur from :func:`estimate_blur`, pixels.
 
     Returns:
         Map, (H, W), float32, within the range of the input.
     """
+    original, soft, sigma, _ = blur
+    if sigma == 0:
+        return repaired
     mask = local_extremes(soft, _FIT_RADIUS_PX)[1]
 
     def squared_residual(values: np.ndarray) -> float:

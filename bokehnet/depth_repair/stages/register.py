@@ -6,8 +6,9 @@ some networks.
 
 Method: exhaustive search on a coarse grid and around its best point for the displacement of all depth edges
 at which they agree best with the picture (:mod:`bokehnet.depth_repair.edge_profile`). An edge with the normal
-n moves by n . o - g for an offset o and a growth g. A displacement must agree clearly better than the map as
-it is, an offset with growth clearly better than either alone.
+n moves by n . o - g for an offset o and a growth g. Of growth, offset, and both, the simplest within one
+standard error of the best is used (Breiman et al., "Classification and Regression Trees", 1984). It must
+agree clearly better than the map as it is.
 
 In: the picture, scene-linear (3, H, W), and a sharp map (H, W), any unit. Out: a :class:`Placement`.
 """
@@ -68,20 +69,23 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
     if not len(edges.weights):
         return NO_PLACEMENT
     reach = range(-config.max_shift_px, config.max_shift_px + 1)
-    best, (score, error) = NO_PLACEMENT, edges.agreement()
     # From the simplest displacement to the one with all three parameters.
-    for candidate in (
+    displacements = (
         _best([(0, 0)], reach, edges),
         _best_offset(edges, range(1), config.max_shift_px),
         _best_offset(edges, reach, config.max_shift_px),
-    ):
-        if candidate == NO_PLACEMENT:
-            continue
-        moved, agreement, error = verified(image, disparity, candidate)
-        gain = agreement - score - 2 * error
-        if agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement:
-            best, score = moved, agreement
-    return best
+    )
+    candidates = []
+    for displacement in displacements:
+        moved, agreement, error = verified(image, disparity, displacement)
+        # Edges that the displacement deletes are missing in the agreement of the displaced map.
+        of_all = min(agreement, edges.agreement(_displacement(edges, displacement))[0])
+        candidates.append((of_all, agreement, error, moved))
+    highest, _, tolerance, _ = max(candidates, key=lambda candidate: candidate[0])
+    _, agreement, error, best = next(c for c in candidates if c[0] >= highest - tolerance)
+    gain = agreement - edges.agreement()[0] - 2 * error
+    is_better = agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement
+    return best if is_better else NO_PLACEMENT
 
 
 def _displacement(edges: EdgeSamples, placement: Placement) -> np.ndarray:

@@ -88,11 +88,15 @@ def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
             that is as high as edges.
     """
     span = float(np.ptp(disparity))
-    low, high = local_extremes(disparity, _SOFT_RADIUS_PX)
-    edges = high - low > MIN_EDGE_HEIGHT * span
-    weights = np.where(
-        edges & ~slope_mask(disparity, edges), ((high - low) / (span or 1)) ** (2 * by_height), 0
-    )
+
+    def make(rows: slice) -> np.ndarray:
+        window, inner = extend_rows(rows, _SLOPE_HALO_PX)
+        low, high = local_extremes(disparity[window], _SOFT_RADIUS_PX)
+        edges = high - low > MIN_EDGE_HEIGHT * span
+        edges &= ~slope_mask(disparity[window], edges)
+        return np.where(edges, ((high - low) / (span or 1)) ** (2 * by_height), 0)[inner]
+
+    weights = make_in_row_blocks(make, disparity.shape, np.float32)
     total = float(weights.sum(dtype=float))
     soft = float(weights[soft_pixels(disparity, MIN_EDGE_HEIGHT * span)].sum(dtype=float))
     return soft / total if total else 0.0

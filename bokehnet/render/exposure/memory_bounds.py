@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
@@ -31,6 +30,9 @@ _RENDERING = 400 * 2**20
 # Bytes per pixel of the whole picture: light and map, and in addition while reading, repairing and focusing.
 _HEIF_BYTES = 24  # of the decoder and its result
 _PICTURE_BYTES, _READ_BYTES, _REPAIR_BYTES, _FOCUS_BYTES = 16, 5, 14, 12
+
+# Bytes per pixel of the size at which the stages of the repair run, and maximum number of these pixels.
+_STAGES_BYTES, _MAX_STAGES_PIXELS = 64, 2**20
 
 # Bytes per pixel of the expected error.
 _EXPECTED_ERROR_BYTES = 4
@@ -65,7 +67,8 @@ def min_memory(settings: RenderSettings, engine: str, width: int, height: int, a
     program = max(0, PROGRAM - _RENDERING)
     stages = [program + (_PICTURE_BYTES + max(_READ_BYTES, _FOCUS_BYTES)) * pixels]
     if settings.depth.repair != "off" and settings.input.defocus is None:
-        stages.append(program + (_PICTURE_BYTES + _REPAIR_BYTES) * pixels + network_memory(height, width))
+        small = _STAGES_BYTES * min(pixels, _MAX_STAGES_PIXELS)
+        stages.append(program + (_PICTURE_BYTES + _REPAIR_BYTES) * pixels + small)
     reads_defocus_again = spec.networks is not None and spec.sharp_foregrounds
     per_pixel = _PICTURE_BYTES + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
     expected_error = settings.output.expected_error

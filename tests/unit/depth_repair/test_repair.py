@@ -1,32 +1,14 @@
-"""Disparity repair with untrained and shipped networks, against accurate maps."""
+"""Disparity repair against accurate maps."""
 
 import numpy as np
 import pytest
-import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from bokehnet.depth_repair import repair as disparity_repair
 from bokehnet.depth_repair.config import STAGES, RepairConfig
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages import network as network_tiles
-from bokehnet.errors import ModelFileError, ParameterError, ShapeError
-from bokehnet.models.onnx_export import export_networks
-from bokehnet.models.repair import RepairNet, RepairNetConfig
+from bokehnet.errors import ParameterError, ShapeError
 from tests.unit.depth_repair.scenes import blobs, textured
-
-NETWORK_ONLY = RepairConfig(stages=frozenset({"network"}))
-
-
-@pytest.fixture(scope="module")
-def untrained(tmp_path_factory):
-    """Return the folder of a small network that moves edges at random, and the network."""
-    torch.manual_seed(0)
-    network = RepairNet(RepairNetConfig(widths=(8, 8, 8)))
-    torch.nn.init.normal_(network.unet.head.weight, std=1.0)
-    folder = tmp_path_factory.mktemp("repair")
-    export_networks({"repair": network}, folder, {})
-    return folder, network
 
 
 def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -36,17 +18,6 @@ def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     near = np.hypot(y - 0.5 * height, x - 0.4 * width) < 0.25 * height
     disparity = np.where(near, 0.8, 0.1).astype(np.float32)
     return rng.random((height, width, 3), dtype=np.float32), disparity
-
-
-def test_the_repair_equals_the_torch_network(untrained):
-    folder, network = untrained
-    image, disparity = scene(64, 80)
-    span = float(disparity.max() - disparity.min())
-    tensors = torch.from_numpy(image).permute(2, 0, 1)[None], torch.from_numpy(disparity)[None, None]
-    with torch.no_grad():
-        expected, _ = network.eval()(*tensors, torch.full((1, 1, 1, 1), span))
-    repaired = DisparityRepair(folder, config=NETWORK_ONLY)(image, disparity)
-    assert_allclose(repaired, expected[0, 0].numpy(), atol=1e-5)
 
 
 @pytest.mark.parametrize("grown", [0, 320, 640])
@@ -102,42 +73,13 @@ def test_regions_grown_or_shrunk_and_then_blurred_are_restored(degrade, deviatio
     assert ((result.disparity > 0.6) != near).mean() < 1e-4
 
 
-def test_tiles_give_the_same_result_as_the_whole_map(untrained, monkeypatch):
-    """The halo covers the receptive field."""
-    image, disparity = scene(320, 400)
-    repair = DisparityRepair(untrained[0], config=NETWORK_ONLY)
-    whole = repair(image, disparity)
-    monkeypatch.setattr(network_tiles, "MAX_TILE_PIXELS", 288 * 288)
-    near = np.abs(repair(image, disparity) - whole)
-    assert_allclose(near, 0, atol=1e-5)
-    assert np.abs(whole - disparity).max() > 0.1
-
-
-def test_the_memory_of_the_network_is_released_before_the_map_is_enlarged(untrained, monkeypatch):
-    """The network runs once, at the smallest size; the other sizes are enlarged."""
-    repair, order = DisparityRepair(untrained[0], config=RepairConfig(base_side_px=64)), []
-    run, release = repair._network._network, repair._network.release_memory
-    enlarge = disparity_repair.enlarge_changes
-    monkeypatch.setattr(
-        repair._network,
-        "_network",
-        lambda image, *a, **k: (None if k else order.append(image.shape[3])) or run(image, *a, **k),
-    )
-    monkeypatch.setattr(repair._network, "release_memory", lambda: order.append("released") or release())
-    monkeypatch.setattr(
-        disparity_repair, "enlarge_changes", lambda *a, **k: order.append("enlarged") or enlarge(*a, **k)
-    )
-    repair(*scene(256, 256))
-    assert order == [64, "released", "enlarged", "enlarged"]
-
-
-def test_every_stage_can_be_switched_off(untrained):
+def test_every_stage_can_be_switched_off():
     image, disparity = scene(64, 80)
     soft = gaussian_filter(disparity, 2)
     for name in STAGES:
         config = RepairConfig(stages=frozenset(STAGES) - {name})
-        assert DisparityRepair(untrained[0], config=config)(image, soft).shape == soft.shape
-    none = DisparityRepair(untrained[0], config=RepairConfig(stages=frozenset()))
+        assert DisparityRepair(config=config)(image, soft).shape == soft.shape
+    none = DisparityRepair(config=RepairConfig(stages=frozenset()))
     assert_array_equal(none(image, soft), soft)
 
 
@@ -157,17 +99,17 @@ def test_repairs_in_large_pictures_do_not_change_thin_structures_elsewhere():
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(37.0, 0.0), (0.01, -3.0)])
-def test_the_repair_does_not_depend_on_unit_and_offset(untrained, scale, offset):
+def test_the_repair_does_not_depend_on_unit_and_offset(scale, offset):
     image, disparity = scene(64, 80)
-    repair = DisparityRepair(untrained[0])
+    repair = DisparityRepair()
     unscaled = repair(image, disparity)
     rescaled = repair(image, scale * disparity + offset)
     assert_allclose((rescaled - offset) / scale, unscaled, atol=0.01)
 
 
-def test_values_stay_within_the_nearby_range_and_flat_maps_do_not_change(untrained):
+def test_values_stay_within_the_nearby_range_and_flat_maps_do_not_change():
     image, disparity = scene(61, 83)
-    repair = DisparityRepair(untrained[0])
+    repair = DisparityRepair()
     repaired = repair(image, disparity)
     assert repaired.shape == disparity.shape
     assert repaired.min() >= disparity.min() - 1e-6
@@ -179,17 +121,14 @@ def test_values_stay_within_the_nearby_range_and_flat_maps_do_not_change(untrain
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (7, 5), (300, 1100)])
-def test_maps_of_any_size(untrained, size):
+def test_maps_of_any_size(size):
     image, disparity = scene(*size)
     disparity[0, 0] = 1
-    assert DisparityRepair(untrained[0])(image, disparity).shape == size
+    assert DisparityRepair()(image, disparity).shape == size
 
 
-def test_auto_does_not_change_maps_with_accurate_edges(untrained):
-    """The untrained network moves many edges, but the picture agrees with none of them."""
-    accurate = blobs()
-    repair = DisparityRepair(untrained[0])
-    assert (np.abs(repair(textured(accurate), accurate) - accurate) > 0.1).mean() > 0.01
+def test_auto_does_not_change_maps_with_accurate_edges():
+    accurate, repair = blobs(), DisparityRepair()
     result = repair.repair(textured(accurate), accurate, "auto")
     assert_array_equal(result.disparity, accurate)
     assert not result.repaired
@@ -207,14 +146,19 @@ def test_auto_does_not_change_maps_without_relation_to_the_picture():
     assert result.reason == "its edges do not follow the picture"
 
 
-def test_wrong_arguments_raise_errors(untrained, tmp_path):
+def test_wrong_arguments_raise_errors():
     image, disparity = scene(20, 30)
-    repair = DisparityRepair(untrained[0])
+    repair = DisparityRepair()
     with pytest.raises(ShapeError, match="30x20 pixels but disparity is 20x30"):
         repair(image, disparity.T)
     with pytest.raises(ParameterError, match="mode: expected one of auto, off, on, got 'always'"):
         repair(image, disparity, "always")
     with pytest.raises(ParameterError, match="NaN"):
         repair(image, np.full_like(disparity, np.nan))
-    with pytest.raises(ModelFileError, match="cannot read"):
-        DisparityRepair(tmp_path)
+
+
+def test_arguments_of_the_earlier_network_have_no_effect():
+    with pytest.warns(DeprecationWarning, match="the repair has no network"):
+        repair = DisparityRepair(threads=1)
+    image, disparity = scene(64, 80)
+    assert_array_equal(repair(image, disparity), DisparityRepair()(image, disparity))

@@ -128,22 +128,9 @@ def test_the_shipped_networks_are_exported_with_proof(tmp_path, engine, megabyte
     assert [file.name for file in tmp_path.iterdir()] == ["one.onnx"]
 
 
-@pytest.mark.slow
-def test_the_repair_is_exported_with_proof(tmp_path):
-    """Authority: the network of the package; it moves the edges of a dilated disc."""
-    path = tmp_path / "repair.onnx"
-    assert renderer.export_renderer(path, engine="repair") >= 70
-    y, x = np.mgrid[:93, :118]
-    distance = np.hypot(y - 45, x - 60)
-    image = np.where((distance < 25)[..., None], (0.8, 0.3, 0.1), (0.1, 0.3, 0.6)).astype(np.float32)
-    disparity, true = ((distance < radius).astype(np.float32) for radius in (28, 25))
-    repaired = start(onnx.load(path)).run(None, {"image": image, "disparity": disparity})[0]
-    assert np.abs(repaired - true).mean() < 0.5 * np.abs(disparity - true).mean()
-
-
 def test_engines_without_networks_on_the_scatter_are_refused(tmp_path):
     with pytest.raises(
-        ParameterError, match="engine: expected one of bokehme, fast, neural, rays, repair, got 'hybrid'"
+        ParameterError, match="engine: expected one of bokehme, fast, neural, rays, got 'hybrid'"
     ):
         renderer.export_renderer(tmp_path / "one.onnx", engine="hybrid")
     assert not any(tmp_path.iterdir())

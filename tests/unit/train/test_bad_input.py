@@ -17,9 +17,7 @@ from bokehnet.models.onnx_export import export_networks
 from bokehnet.synth.shards import ShardSet, decode_sample, encode_sample
 from tests.unit.train.run.test_loop import config_of, start
 from train.data.crops import DataConfig, PreparedCrops
-from train.data.examples import Examples
 from train.data.prepared import PreparedSet, part_name
-from train.data.repair_data import RepairDataConfig, repair_source
 from train.prepare import PrepareConfig, prepare
 from train.run.run_folder import RunFolder
 
@@ -49,38 +47,23 @@ def break_sample(pairs, number: int) -> None:
     path.write_bytes(data)
 
 
-def repairs(pairs) -> Examples:
-    config = RepairDataConfig(folder=str(pairs), validation=str(pairs), crop=32, clean=1.0)
-    return Examples(repair_source(config), seed=1, length=20)
-
-
-def test_a_broken_shard_and_a_broken_scene_are_named_once_counted_and_skipped(pairs, capsys):
+def test_a_broken_shard_and_a_broken_scene_are_named_counted_and_skipped(pairs, tmp_path, capsys):
     break_sample(pairs, 3)
     break_shard(pairs)
-    examples = repairs(pairs)
-    seen = [examples[i]["truth"] for i in range(20)]
+    prepare(PrepareConfig(folder=str(pairs), classical="scatter", augmented=0), tmp_path / "prepared")
     message = warnings(capsys)
     assert len(message) == 2
     assert "shard-000000.tar" in message[0]
     assert message[0].endswith("skipped, 1 so far")
     assert "shard-000001.tar, sample 00000003: expected a training sample" in message[1]
     assert message[1].endswith("skipped, 2 so far")
-    # What was left out does not change what comes: an example still follows from seed and number.
-    again = repairs(pairs)
-    assert all(torch.equal(again[i]["truth"], seen[i]) for i in (19, 4))
-
-
-def test_sets_of_which_nothing_can_be_read_end_the_run(pairs):
-    for number in range(4):
-        break_sample(pairs, number)
-    with pytest.raises(DataFileError, match="expected a training sample"):
-        repairs(pairs)[0]
+    assert len(PreparedSet(tmp_path / "prepared")) == 2
 
 
 def test_a_missing_shard_is_no_broken_one(pairs):
     (pairs / "shard-000000.tar").unlink()
     with pytest.raises(DataFileError, match="found 2 of 4 samples; run bokehnet synth again"):
-        repairs(pairs)
+        ShardSet(pairs)
 
 
 def test_a_scene_whose_arrays_do_not_belong_together_is_damaged(tiny_pairs):
@@ -153,8 +136,8 @@ def test_weights_of_another_shape_or_version_are_refused(checkpoint):
         ConfigError, match=r"holds weights of arnet with width = 8, but 12 was requested; give"
     ):
         load_weights(wide, checkpoint, "arnet")
-    with pytest.raises(DataFileError, match="expected a checkpoint of repair, found one of arnet"):
-        load_network(checkpoint, "repair")
+    with pytest.raises(DataFileError, match="expected a checkpoint of error, found one of arnet"):
+        load_network(checkpoint, "error")
     content = load_checkpoint(checkpoint)
     for broken, message in (
         (
@@ -184,7 +167,7 @@ def test_weights_alone_are_not_exported(checkpoint, tmp_path):
 
 
 def test_a_run_is_not_gone_on_with_from_weights_alone_or_another_network(checkpoint):
-    for name in ("arnet", "repair"):
+    for name in ("arnet", "error"):
         with pytest.raises(DataFileError, match=f"expected a run of {name} to resume"):
             RunFolder(checkpoint.parent, name, config_of(4)).load()
 

@@ -16,14 +16,14 @@ from train.scores.metrics import compare, edge_pixels, encode, psnr
 
 def test_methods_are_read_as_they_are_written():
     assert parse_method("rays").repair is None
-    method = parse_method("hybrid:runs/x/weights+repair:runs/r")
+    method = parse_method("hybrid:runs/x/weights+repair")
     assert (method.engine, method.weights, method.repair) == (
         "hybrid",
         Path("runs/x/weights"),
-        ("repair", Path("runs/r")),
+        "repair",
     )
-    assert parse_method("rays+repair").repair == ("repair", None)
-    assert parse_method("rays+refine").repair == ("repair", None)  # as earlier versions called it
+    assert parse_method("rays+repair").repair == "repair"
+    assert parse_method("rays+refine").repair == "repair"  # as earlier versions called it
     for wrong in ("lens", "rays+mend", "+repair", "rays+", ""):
         with pytest.raises(ParameterError, match="expected one of"):
             parse_method(wrong)
@@ -50,7 +50,7 @@ def test_the_disparity_is_repaired_once_for_all_methods(tiny_pairs, monkeypatch)
         calls.append(disparity)
         return true
 
-    monkeypatch.setitem(methods.REPAIRS, "perfect", lambda path: perfect)
+    monkeypatch.setitem(methods.REPAIRS, "perfect", perfect)
     ways = [parse_method(text) for text in ("scatter", "scatter+perfect", "rays+perfect")]
     (rows,) = evaluate([picture], ways, ["clean", "dilated"])
     scores = {(row.method, row.disparity): row.scores["psnr"] for row in rows}
@@ -108,7 +108,6 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
         (["--data", "cycles", ".", "--method", "lens"], "--method: expected one of"),
         (["--data", "cycles", ".", "--disparity", "wet"], "--disparity: expected one of"),
         (["--data", "blb", "BLB", "--method", "hybrid:nowhere"], "network weights missing"),
-        (["--data", "blb", "BLB", "--method", "rays+repair:nowhere"], "network weights missing"),
         (["--data", "cycles", ".", "--limit", "0"], "--limit: expected at least 1, got 0"),
         (["--data", "cycles", ".", "--baseline", "lens"], "--baseline: expected one of"),
         (["--data", "cycles", ".", "--noise-floor", "nan", "1"], "--noise-floor: expected a finite number"),

@@ -40,8 +40,11 @@ def recipe_of(*steps: dict) -> Recipe:
 
 PLANES = {"makes": "data/planes", "by": "synth", "config": "configs/synth_planes.toml", "seconds": 3.0}
 PLANES_VAL = {"makes": "data/planes_val", "by": "synth", "config": "configs/synth_planes_val.toml"}
-REPAIR = {"makes": "runs/repair", "by": "repair", "config": "configs/train_repair.toml", "seconds": 0.5}
-EXPORT = {"makes": "bokehnet/weights/repair", "by": "export", "words": ["--repair", "runs/repair/last.pt"]}
+RAYS = {"makes": "data/rays", "by": "prepare", "config": "configs/prepare_rays.toml", "seconds": 1.0}
+RAYS_VAL = {"makes": "data/rays_val", "by": "prepare", "config": "configs/prepare_rays_val.toml"}
+SETS = PLANES, PLANES_VAL, RAYS, RAYS_VAL
+ARNET = {"makes": "runs/arnet", "by": "arnet", "config": "configs/train_arnet.toml", "seconds": 0.5}
+EXPORT = {"makes": "bokehnet/weights/hybrid", "by": "export", "words": ["--arnet", "runs/arnet/last.pt"]}
 
 
 def test_all_networks_are_made_within_twelve_hours_on_two_cores():
@@ -49,7 +52,7 @@ def test_all_networks_are_made_within_twelve_hours_on_two_cores():
     assert recipe.workers == 2
     assert expected_seconds(recipe, recipe.steps) < 12 * 3600
     results = {step.makes for step in recipe.steps if step.by == "export"}
-    assert results == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural")}
+    assert results == {f"bokehnet/weights/{name}" for name in ("hybrid", "error", "neural")}
 
 
 def test_the_smoke_recipe_has_the_steps_of_the_full_one_in_their_order():
@@ -58,18 +61,18 @@ def test_the_smoke_recipe_has_the_steps_of_the_full_one_in_their_order():
 
 
 def test_a_run_that_no_step_makes_is_named():
-    """Inputs of a chain of trainings must be outputs of earlier steps, unlike ``runs/repair2`` here."""
-    fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair2/last.pt"']}
+    """Inputs of a chain of trainings must be outputs of earlier steps, unlike ``runs/arnet2`` here."""
+    fine = {**ARNET, "makes": "runs/fine", "settings": ['start="runs/arnet2/last.pt"']}
     with pytest.raises(
-        ConfigError, match=r"start names runs/repair2/last\.pt, which no step before runs/fine makes"
+        ConfigError, match=r"start names runs/arnet2/last\.pt, which no step before runs/fine makes"
     ):
-        recipe_of(PLANES, PLANES_VAL, REPAIR, fine)
-    with pytest.raises(ConfigError, match=r"data\.folder names data/planes, which no step"):
-        recipe_of(REPAIR, PLANES, PLANES_VAL)
-    prepared = {"makes": "data/rays", "by": "prepare", "config": "configs/prepare_rays.toml"}
-    with pytest.raises(ConfigError, match="repair names bokehnet/weights/repair, which no step before"):
-        recipe_of(PLANES, PLANES_VAL, prepared, REPAIR, EXPORT)
-    recipe_of(PLANES, prepared)  # with the repair that ships
+        recipe_of(*SETS, ARNET, fine)
+    with pytest.raises(ConfigError, match=r"data\.folder names data/rays, which no step"):
+        recipe_of(ARNET, *SETS)
+    scores = {"makes": "runs/scores.json", "by": "evaluate", "words": ["hybrid:bokehnet/weights/hybrid"]}
+    with pytest.raises(ConfigError, match="words names hybrid:bokehnet/weights/hybrid, which no step before"):
+        recipe_of(*SETS, scores, ARNET, EXPORT)
+    recipe_of(PLANES, scores)  # with the network that ships
     with pytest.raises(ConfigError, match="two steps that make data/planes"):
         recipe_of(PLANES, PLANES)
     with pytest.raises(ConfigError, match="data/x: words names runs/none/last"):
@@ -77,74 +80,74 @@ def test_a_run_that_no_step_makes_is_named():
 
 
 def test_times_follow_from_what_the_configurations_ask_for():
-    """Authority: by hand; 1200 scenes of 3 s on two cores, 3000 steps of half a second."""
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
-    assert [recipe.seconds(step) for step in recipe.steps] == [1800, 0, 1500]
-    short = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=10"]})
-    assert short.seconds(short.steps[2]) == 5
+    """Authority: by hand; 1200 scenes of 3 s and of 1 s on two cores, 4500 steps of half a second."""
+    recipe = recipe_of(*SETS, ARNET)
+    assert [recipe.seconds(step) for step in recipe.steps] == [1800, 0, 600, 0, 2250]
+    short = recipe_of(*SETS, {**ARNET, "settings": ["optim.steps=10"]})
+    assert short.seconds(short.steps[4]) == 5
 
 
 def test_steps_side_by_side_wait_for_what_they_need_and_for_a_core():
-    """Authority: by hand; planes on both cores for 1800 s, then 1500 s of a training beside 500 and 1000."""
-    other = {**REPAIR, "makes": "runs/other", "settings": ["optim.steps=1000"]}
+    """Authority: by hand; sets on both cores for 2400 s, then 2250 s of a training beside 500 and 1000."""
+    other = {**ARNET, "makes": "runs/other", "settings": ["optim.steps=1000"]}
     settings = ["optim.steps=2000", 'start="runs/other/last.pt"']
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, other, {**REPAIR, "makes": "runs/b", "settings": settings})
-    assert expected_seconds(recipe, recipe.steps) == 3300
-    assert expected_seconds(recipe, recipe.steps[3:]) == 1500
-    planes, validation, repair, before, behind = recipe.steps
+    recipe = recipe_of(*SETS, ARNET, other, {**ARNET, "makes": "runs/b", "settings": settings})
+    assert expected_seconds(recipe, recipe.steps) == 4650
+    assert expected_seconds(recipe, recipe.steps[5:]) == 1500
+    *sets, arnet, before, behind = recipe.steps
     queue = Queue(recipe, recipe.steps, 2)
-    for data in (planes, validation):
+    for data in sets:
         assert queue.take() == (data, 2)
         assert queue.take() is None
         queue.give_back(data, 2)
-    assert [queue.take() for _ in range(3)] == [(repair, 1), (before, 1), None]
-    queue.give_back(repair, 1)
+    assert [queue.take() for _ in range(3)] == [(arnet, 1), (before, 1), None]
+    queue.give_back(arnet, 1)
     assert queue.take() is None
     queue.give_back(before, 1)
     assert [queue.take(), queue.take()] == [(behind, 1), None]
 
 
 def test_commands_name_what_configurations_name_or_all_below_one_folder():
-    recipe = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=10"]}, EXPORT)
-    plain, rooted = (recipe.command(recipe.steps[2], root) for root in (None, Path("out")))
-    start = "python -m train.train_repair --config configs/train_repair.toml"
-    assert shlex.join(plain) == f"{start} --out runs/repair --set optim.steps=10"
+    recipe = recipe_of(*SETS, {**ARNET, "settings": ["optim.steps=10"]}, EXPORT)
+    plain, rooted = (recipe.command(recipe.steps[4], root) for root in (None, Path("out")))
+    start = "python -m train.train_arnet --config configs/train_arnet.toml"
+    assert shlex.join(plain) == f"{start} --out runs/arnet --set optim.steps=10"
     assert set(rooted) - set(plain) == {
-        "out/runs/repair",
-        'data.folder="out/data/planes"',
-        'data.validation="out/data/planes_val"',
+        "out/runs/arnet",
+        'data.folder="out/data/rays"',
+        'data.validation="out/data/rays_val"',
     }
-    assert recipe.command(recipe.steps[3], Path("out"))[3:] == [
-        "--repair",
-        "out/runs/repair/last.pt",
+    assert recipe.command(recipe.steps[5], Path("out"))[3:] == [
+        "--arnet",
+        "out/runs/arnet/last.pt",
         "--out",
-        "out/weights/repair",
+        "out/weights/hybrid",
     ]
     assert recipe.command(recipe.steps[0], Path("out"), ray="host:6379")[-2:] == ["--ray", "host:6379"]
 
 
 def test_a_share_lessens_scenes_and_steps_and_leaves_what_they_are_made_into():
-    """Authority: by hand; a hundredth of 1200 scenes and of 3000 steps, and of a warm-up of 200."""
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
+    """Authority: by hand; a hundredth of 1200 scenes and of 4500 steps, and of a warm-up of 200."""
+    recipe = recipe_of(*SETS, ARNET, EXPORT)
     less = recipe.with_share(0.01)
-    assert [less.units(step) for step in less.steps] == [12, 1, 30, 1]
+    assert [less.units(step) for step in less.steps] == [12, 1, 12, 1, 45, 1]
     assert less.command(less.steps[0])[-2:] == ["--set", "scenes=12"]
-    assert less.command(less.steps[2])[-4:] == ["--set", "optim.steps=30", "--set", "optim.warmup=2"]
-    assert less.steps[3] == recipe.steps[3]
-    assert recipe.with_share(1).seconds(recipe.steps[2]) == recipe.seconds(recipe.steps[2])
+    assert less.command(less.steps[4])[-4:] == ["--set", "optim.steps=45", "--set", "optim.warmup=2"]
+    assert less.steps[5] == recipe.steps[5]
+    assert recipe.with_share(1).seconds(recipe.steps[4]) == recipe.seconds(recipe.steps[4])
     for share in (0, -1, 1.5, float("nan")):
         with pytest.raises(ParameterError, match="--share: expected above 0 and at most 1"):
             recipe.with_share(share)
 
 
 def test_a_seed_applies_to_all_trainings_and_restarts_them():
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
+    recipe = recipe_of(*SETS, ARNET)
     other = recipe.with_seed(5)
-    assert other.command(other.steps[2])[-2:] == ["--set", "optim.seed=5"]
+    assert other.command(other.steps[4])[-2:] == ["--set", "optim.seed=5"]
     changed = [
         recipe.fingerprint(a) != other.fingerprint(b) for a, b in zip(recipe.steps, other.steps, strict=True)
     ]
-    assert changed == [False, False, True]
+    assert changed == [False] * 4 + [True]
 
 
 @pytest.mark.parametrize(
@@ -175,28 +178,28 @@ def finished(progress: Progress, *numbers: int) -> None:
 
 
 def test_a_step_is_done_if_it_and_its_inputs_match_the_request(tmp_path):
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
-    finished(Progress(recipe, tmp_path), 0, 1, 2, 3)
+    recipe = recipe_of(*SETS, ARNET, EXPORT)
+    finished(Progress(recipe, tmp_path), *range(6))
     assert all(map(Progress(recipe, tmp_path).done, recipe.steps))
-    longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, EXPORT)
-    assert [Progress(longer, tmp_path).done(step) for step in longer.steps] == [True, True, False, False]
+    longer = recipe_of(*SETS, {**ARNET, "settings": ["optim.steps=9000"]}, EXPORT)
+    assert [Progress(longer, tmp_path).done(step) for step in longer.steps] == [True] * 4 + [False] * 2
     (tmp_path / "data/planes_val").rmdir()
-    assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, False, True, True]
+    assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, False] + [True] * 4
 
 
 def test_a_training_with_changed_settings_is_not_resumed(tmp_path):
     """Its own configuration is the same; an export would be repeated."""
-    fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
-    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)
-    finished(Progress(recipe, tmp_path), 0, 1, 2, 3, 4)
-    longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, fine, EXPORT)
+    fine = {**ARNET, "makes": "runs/fine", "settings": ['start="runs/arnet/last.pt"']}
+    recipe = recipe_of(*SETS, ARNET, fine, EXPORT)
+    finished(Progress(recipe, tmp_path), *range(7))
+    longer = recipe_of(*SETS, {**ARNET, "settings": ["optim.steps=9000"]}, fine, EXPORT)
     progress = Progress(longer, tmp_path)
-    for number in (0, 1, 2, 4):
+    for number in (0, 1, 2, 3, 4, 6):
         progress.check(longer.steps[number])
     with pytest.raises(ConfigError, match=r"runs/fine: was made from outputs of earlier steps.*remove it"):
-        progress.check(longer.steps[3])
+        progress.check(longer.steps[5])
     (tmp_path / "runs/fine").rmdir()
-    progress.check(longer.steps[3])
+    progress.check(longer.steps[5])
 
 
 def test_a_step_that_fails_or_is_killed_is_begun_and_its_time_counts(tmp_path):
@@ -233,7 +236,7 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
         ("steps = 3", "steps: expected"),
         ('[[steps]]\nmakes = "x"\nby = "magic"', "by: expected"),
         ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "nowhere.toml"', "cannot read nowhere.toml"),
-        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_repair.toml"', "names|lacks"),
+        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_arnet.toml"', "names|lacks"),
     ],
 )
 def test_mistakes_in_a_recipe_are_one_line(text, message, tmp_path):
@@ -303,7 +306,7 @@ def test_the_smoke_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice
         time.sleep(0.05)
     killed.send_signal(signal.SIGKILL)
     first, _ = killed.communicate()
-    before = (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns
+    before = (tmp_path / "data/rays/prepared.json").stat().st_mtime_ns
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
     begun = [re.findall(r"^\[(\d+)/", text, re.MULTILINE) for text in (first, done.stdout)]
@@ -311,8 +314,8 @@ def test_the_smoke_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice
     assert [int(number) for number in begun[0][:-1]] == list(range(1, len(begun[0])))
     assert int(begun[1][0]) in (len(begun[0]), len(begun[0]) + 1)
     assert int(begun[1][-1]) == count
-    assert (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns == before
-    for name in ("repair", "hybrid", "error", "neural"):
+    assert (tmp_path / "data/rays/prepared.json").stat().st_mtime_ns == before
+    for name in ("hybrid", "error", "neural"):
         manifest = json.loads((tmp_path / "weights" / name / "manifest.json").read_text())
         assert str(tmp_path) in json.dumps(manifest["notes"])
     card = (tmp_path / "runs/model_card.md").read_text()

@@ -17,18 +17,25 @@ pytestmark = pytest.mark.train
 
 SETTINGS = (
     '"optim.warmup=1", "optim.validate_every=100000", "optim.checkpoint_every=2", "held_out=1", '
-    '"data.batch_size=2", "data.crop=32", "data.part=48", "model.widths=[8, 12, 16]"'
+    '"data.batch_size=2", "data.coarse_crop=16", "data.most_halvings=1", "model.unet=[8, 12, 16]"'
 )
+
+DATA = "data/planes", "data/planes_val", "data/rays", "data/rays_val"
 
 
 def started(folder: Path, **steps: int) -> subprocess.Popen:
     """A recipe of some planes and of trainings side by side, which learn for that many steps."""
     texts = ["workers = 2\nthreads = 1"]
-    for makes in ("data/planes", "data/planes_val"):
+    for makes in DATA[:2]:
         texts.append(f'[[steps]]\nmakes = "{makes}"\nby = "synth"\nconfig = "configs/synth_tiny.toml"')
+    for kind in ("rays", "rays_val"):
+        texts.append(
+            f'[[steps]]\nmakes = "data/{kind}"\nby = "prepare"\nconfig = "configs/prepare_{kind}.toml"\n'
+            'settings = ["repaired=0"]'
+        )
     for name, count in steps.items():
         texts.append(
-            f'[[steps]]\nmakes = "runs/{name}"\nby = "repair"\nconfig = "configs/train_repair.toml"\n'
+            f'[[steps]]\nmakes = "runs/{name}"\nby = "arnet"\nconfig = "configs/train_arnet.toml"\n'
             f'settings = ["optim.steps={count}", {SETTINGS}]'
         )
     (folder / "recipe.toml").write_text("\n".join(texts))
@@ -60,9 +67,8 @@ def test_trainings_side_by_side_stop_with_a_checkpoint_and_do_not_outlive_the_re
     assert recipe.returncode == 130, errors
     assert "stopped; run the same command again to resume" in errors
     assert "Traceback" not in errors
-    assert re.findall(r"^(\S+): done", said, re.MULTILINE) == ["data/planes", "data/planes_val"]
-    done = {"data/planes": True, "data/planes_val": True, "runs/one": False, "runs/two": False}
-    assert states(tmp_path) == done
+    assert re.findall(r"^(\S+): done", said, re.MULTILINE) == list(DATA)
+    assert states(tmp_path) == {**dict.fromkeys(DATA, True), "runs/one": False, "runs/two": False}
     for name in ("one", "two"):
         assert "stopped at step" in (tmp_path / f"out/logs/runs-{name}.log").read_text()
 
@@ -73,7 +79,7 @@ def test_trainings_side_by_side_stop_with_a_checkpoint_and_do_not_outlive_the_re
     )
     recipe.kill()
     said, _ = recipe.communicate(timeout=60)
-    assert len(re.findall(r"^\[\d/4\]", said, re.MULTILINE)) == 2
+    assert len(re.findall(r"^\[\d/6\]", said, re.MULTILINE)) == 2
     time.sleep(1)
     killed = [path.stat().st_mtime_ns for path in checkpoints]
     time.sleep(2)  # in which a training that lives would write dozens of checkpoints

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.depth_repair.stages.deblur import (
+    BlurEstimate,
     blur_map,
     estimate_blur,
     fit_surface_values,
@@ -84,7 +85,7 @@ def test_thin_structures_that_blur_lowered_get_their_values(deviation):
     wires = truth > without_wires
     lowered = np.where(wires, 0.5 * (truth + without_wires), truth).astype(np.float32)
     soft = np.abs(blurred - truth) > 0.01
-    fitted = fit_surface_values(blurred, lowered, soft, deviation)
+    fitted = fit_surface_values(BlurEstimate(blurred, soft, deviation, 0.0), lowered)
     assert np.abs(fitted - truth)[wires].mean() < 0.65 * np.abs(lowered - truth)[wires].mean()
     assert np.abs(fitted - truth)[~wires].mean() < 0.02
     np.testing.assert_array_equal((fitted > 0.7)[60:, 100:], truth[60:, 100:] > 0.7)
@@ -98,8 +99,8 @@ def test_values_stay_where_edges_are_displaced(pixels, deviation):
     blurred = ndimage.gaussian_filter(truth, deviation)
     displaced = np.roll(truth, pixels, axis=1)
     soft = np.abs(blurred - displaced) > 0.01
-    sigma = estimate_blur(blurred, displaced, soft).sigma
-    np.testing.assert_array_equal(fit_surface_values(blurred, displaced, soft, sigma), displaced)
+    blur = estimate_blur(blurred, displaced, soft)
+    np.testing.assert_array_equal(fit_surface_values(blur, displaced), displaced)
 
 
 @pytest.mark.parametrize("deviation", [1.5, 2.5, 4.0])
@@ -112,5 +113,5 @@ def test_values_of_slopes_and_relief_stay(deviation, error):
     truth = np.where(np.hypot(y - 45, x - 64) < 20, 0.9, truth).astype(np.float32)
     blurred = ndimage.gaussian_filter(truth, deviation)
     soft = np.abs(blurred - truth) > 0.01
-    fitted = fit_surface_values(blurred, truth, soft, (1 + error) * deviation)
+    fitted = fit_surface_values(BlurEstimate(blurred, soft, (1 + error) * deviation, 0.0), truth)
     assert np.abs(fitted - truth).max() < 0.02

@@ -62,7 +62,7 @@ def test_small_maps_and_maps_without_edges_stay(shape):
 @pytest.mark.parametrize("offset", [(0, 2), (-2, 3), (0, 0)])
 @pytest.mark.parametrize("factor", [1, 4])
 def test_the_repair_translates_a_map_and_reports_it(offset, factor):
-    """Use the shipped network; large pictures are aligned at a smaller size."""
+    """Large pictures are aligned at a smaller size."""
     truth = blobs()
     translated, image = translate_map(truth, offset), textured(truth)
     if factor > 1:
