@@ -122,8 +122,9 @@ def main() -> None:
     if arguments.figures is not None:
         ablated = " --ablate" if arguments.ablate else ""
         ablated += " --network FILE" if arguments.network is not None else ""
-        kinds = " ".join(arguments.kinds)
-        options = f"{ablated} --seeds {arguments.seeds} --kinds {kinds}"
+        kinds, cameras = " ".join(arguments.kinds), " ".join(arguments.cameras)
+        ablated += f" --first {arguments.first}" if arguments.first != 1 else ""
+        options = f"{ablated} --seeds {arguments.seeds} --cameras {cameras} --kinds {kinds}"
         write_figures(
             arguments.figures / "clipped_light.json",
             f"python -m benchmarks.quality.clipped_light{options} --figures docs/figures",

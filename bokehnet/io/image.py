@@ -58,7 +58,7 @@ def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -
 
     Args:
         path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra
-            ``heif``. Or bytes, or a binary stream, of such a file.
+            ``heif``, AVIF with the extra ``avif``. Or bytes, or a binary stream, of such a file.
         like: Colour space that provides the primaries of the result.
 
     Returns:
@@ -67,7 +67,7 @@ def read_image(path: Path | str | Buffer, *, like: ColorSpace = LINEAR_REC709) -
     Raises:
         ImageFileError: The file cannot be read, has no colours, holds NaN or infinity, or the kind of its
             colour profile is unsupported.
-        MissingExtraError: The file is HEIF, and pillow-heif is not installed.
+        MissingExtraError: The file is HEIF or AVIF, and its extra is not installed.
     """
     if is_buffer(path):
         with picture_file(cast(Buffer, path)) as file_path:

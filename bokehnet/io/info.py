@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
-from bokehnet.io.formats.heif import is_heif, read_heif
+from bokehnet.io.formats.heif import is_avif, is_heif, read_heif
 from bokehnet.io.gain_map import read_gain_map
 from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata.gain_map import gain_map_kind
@@ -62,7 +62,8 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
     """Describe an image file. All pixels are decoded, so damage anywhere in the file is detected.
 
     Args:
-        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra ``heif``.
+        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra ``heif``,
+            AVIF with the extra ``avif``.
         progress: Progress callback; the count restarts for each part and each group of channels.
 
     Raises:
@@ -115,7 +116,7 @@ def _heif_info(path: Path) -> ImageInfo:
         height=height,
         channels=("R", "G", "B"),
         pixel_type=f"{picture.bits} bits",
-        file_format="heif",
+        file_format="avif" if is_avif(path) else "heif",
         color_space=picture.space.name,
         refusal="",
         orientation=1,

@@ -369,7 +369,7 @@ class ImageFile:
         return 1 / aspect if spec.get_int_attribute("Orientation", 1) in _TRANSPOSED else aspect
 
 
-def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
+def apply_orientation(values: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Rotate and mirror stored rows and columns (H, W, C) to the upright picture.
 
     Source: CIPA DC-008, "Exchangeable image file format (Exif)", 2019, tag Orientation.
@@ -392,17 +392,12 @@ def as_stored(upright: NDArray[np.float32], orientation: int) -> NDArray[np.floa
     return upright.swapaxes(0, 1) if orientation in _TRANSPOSED else upright
 
 
-_WRITTEN_ONLY = (".avif",)
-
-
 def _open_error(path: Path, reason: str) -> str:
     extension = path.suffix.lower()
     if extension in READABLE_EXTENSIONS:
         return (
             f"expected {extension.lstrip('.').upper()}, found a damaged or other file ({_first_line(reason)})"
         )
-    if extension in _WRITTEN_ONLY:
-        return f"{extension.lstrip('.').upper()} files are written, not read; convert it to {_known()}"
     return f"unknown extension {path.suffix!r} and unknown content, expected {_known()}"
 
 

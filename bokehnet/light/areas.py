@@ -6,6 +6,7 @@ import numpy as np
 
 from bokehnet.light.bright_picture import Array, BrightPicture, Floats, Indices, Mask, point_sums, ramp
 from bokehnet.light.components import Components, connected_components
+from bokehnet.light.config import LightConfig
 from bokehnet.light.edges import edge_pixels, sharpness
 
 __all__ = ["add_areas", "censored_radiance"]
@@ -138,14 +139,30 @@ def _radiance(picture: BrightPicture, rows: Indices, columns: Indices) -> float:
     near = np.maximum(picture.lowest[near_y, near_x] / picture.level - around, 0)
     further = np.maximum(picture.lowest[next_y, next_x] / picture.level - around, 0)
     blurred = float(ramp(further.sum() / max(float(near.sum()), 1e-6), config.edge_blur))
-    has_shoulder = picture.levels.code < 255
-    far = float(picture.is_far(rows, columns).mean())
     # Nearer regions are more often matter.
-    margin = 0.0 if has_shoulder else (1 - far) * config.near_sharpness
-    excess = config.area_sharp_gain * (sharpness(near) - config.matter_sharpness[has_shoulder] - margin)
-    lowest_gain = config.area_gain_min[has_shoulder]
-    measured = float(np.clip(1 + excess, lowest_gain, config.area_gain_max))
+    margin = (1 - float(picture.is_far(rows, columns).mean())) * config.near_sharpness
+    measured = _edge_radiance(config, sharpness(near), margin, picture.levels.code < 255)
     return (1 - blurred) * measured + blurred * config.area_gain
+
+
+def _edge_radiance(config: LightConfig, sharp: float, margin: float, has_shoulder: bool) -> float:
+    """Return the radiance of a large light whose edges have a sharpness.
+
+    Behind a Gaussian point spread function, the light that an edge leaves outside the clipped pixels falls
+    with the logarithm of the radiance. Edges parallel to the pixels are all covered by the same fraction, so
+    that they can look sharper than any light makes them.
+
+    Args:
+        config: Constants.
+        sharp: Sharpness of the edges.
+        margin: Sharpness above that of far lights for the same radiance, with a hard clip.
+        has_shoulder: Whether the tone curve ends below white.
+    """
+    above = sharp - config.matter_sharpness[has_shoulder] - (0.0 if has_shoulder else margin)
+    aligned = float(ramp(sharp, config.aligned_sharpness[has_shoulder]))
+    log_radiance = (1 - aligned) * config.area_sharp_gain[has_shoulder] * above
+    radiance = np.exp(log_radiance + aligned * np.log(config.aligned_gain))
+    return float(np.clip(radiance, config.area_gain_min[has_shoulder], config.area_gain_max))
 
 
 def _color_around(picture: BrightPicture, bright: Mask, rows: Indices, columns: Indices) -> Floats:

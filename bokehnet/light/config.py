@@ -26,12 +26,16 @@ class LightConfig:
         flat: Fraction of equal neighbours from which a picture is a drawing or a screenshot.
         bright: Light of the pixels that form a region.
         area_gain: Radiance of a large light such as a sky or a window.
-        area_sharp_gain: Radiance of large lights per sharpness of their edges above that of matter.
+        area_sharp_gain: Logarithm of the radiance of large lights per sharpness of their edges above that of
+            matter, with a hard clip and with a shoulder that ends below white.
         area_gain_min: Minimum radiance measured so, with a hard clip and with a shoulder: what a shoulder
             that ends below white clips is brighter than white.
         area_gain_max: Maximum radiance measured by the sharpness of edges.
         matter_sharpness: Sharpness of the edges of matter just at the clip level, with a hard clip and with a
             shoulder that ends below white.
+        aligned_sharpness: Sharpness up to which edges measure the radiance, and from which they are parallel
+            to the rows or columns of pixels and measure nothing, with a hard clip and with a shoulder.
+        aligned_gain: Radiance of large lights with such edges.
         near_sharpness: Sharpness above that of large lights in front of the farthest layer, with a hard clip.
         edge_blur: Light two pixels from an edge over that at one pixel, from which the point spread function
             hides the radiance, partly and altogether.
@@ -109,10 +113,12 @@ class LightConfig:
     flat: float = 0.88
     bright: float = 0.5
     area_gain: float = 7.0
-    area_sharp_gain: float = 4.0
-    area_gain_min: tuple[float, float] = (1.0, 3.0)
+    area_sharp_gain: tuple[float, float] = (2.05, 2.7)
+    area_gain_min: tuple[float, float] = (1.0, 2.5)
     area_gain_max: float = 6.5
-    matter_sharpness: tuple[float, float] = (0.88, 0.6)
+    matter_sharpness: tuple[float, float] = (0.77, 0.5)
+    aligned_sharpness: tuple[tuple[float, float], tuple[float, float]] = ((1.8, 2.2), (1.1, 1.7))
+    aligned_gain: float = 4.5
     near_sharpness: float = 0.32
     edge_blur: tuple[float, float] = (0.38, 0.5)
     min_edge_pixels: int = 30

@@ -1,10 +1,11 @@
-"""Read HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
+"""Read HEIF pictures (HEIC of iPhones) and their depth maps, extra ``heif``, and AVIF, extra ``avif``."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
+from struct import unpack_from
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.color.color_space import SRGB, ColorSpace
 from bokehnet.io.color.file_color import coded_space
 from bokehnet.io.color.icc import read_profile
@@ -24,6 +25,7 @@ from bokehnet.io.metadata.gain_map import APPLE_ITEM, ISO_KIND, AppleCoding, Gai
 from bokehnet.io.metadata.gain_map import apple_coding as gain_coding
 from bokehnet.io.metadata.photo_metadata import Metadata, validated
 from bokehnet.io.metadata.xmp import parse_xmp
+from bokehnet.io.pixels import apply_orientation
 
 if TYPE_CHECKING:
     from pillow_heif import HeifAuxImage, HeifDepthImage, HeifFile
@@ -32,15 +34,18 @@ __all__ = [
     "HEIF_EXTENSIONS",
     "HeifPicture",
     "heif_size",
+    "is_avif",
     "is_heif",
     "read_heif",
     "read_heif_depth",
     "read_heif_gain_map",
 ]
 
-HEIF_EXTENSIONS = (".heic", ".heif")
+HEIF_EXTENSIONS = (".heic", ".heif", ".avif")
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_AVIF_BRAND = b"avif"
+_COLOR_BOX = b"colrnclx"  # ISO/IEC 14496-12, 12.1.5: primaries and transfer follow, 16 bits each
 _HDR_TRANSFERS = (16, 18)  # PQ and HLG: ITU-T H.273, table 3
 _MAPS_OMITTED = "its depth maps, gain maps and additional pictures do not match the result and are omitted"
 
@@ -54,13 +59,22 @@ _MAX_PACKETS = 16
 
 
 def is_heif(path: Path | str) -> bool:
-    """Return whether a file begins like a HEIF picture coded with HEVC; False if it cannot be read."""
+    """Return whether a file begins like a HEIF picture coded with HEVC or AV1; False if it cannot be read."""
+    return _brand(path) in (*_BRANDS, _AVIF_BRAND)
+
+
+def is_avif(path: Path | str) -> bool:
+    """Return whether a file begins like an AVIF picture; False if it cannot be read."""
+    return _brand(path) == _AVIF_BRAND
+
+
+def _brand(path: Path | str) -> bytes:
     try:
         with Path(path).open("rb") as file:
             head = file.read(12)
     except OSError:
-        return False
-    return head[4:8] == b"ftyp" and head[8:] in _BRANDS
+        return b""
+    return head[8:] if head[4:8] == b"ftyp" else b""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +99,7 @@ def heif_size(path: Path | str) -> tuple[int, int]:
 
     Raises:
         ImageFileError: The file is damaged.
-        MissingExtraError: pillow-heif is not installed.
+        MissingExtraError: pillow-heif is not installed, or Pillow for AVIF.
     """
     width, height = _open(path).size
     return int(height), int(width)
@@ -98,11 +112,11 @@ def read_heif(path: Path | str) -> HeifPicture:
     from sRGB. Alpha is dropped by compositing over black.
 
     Args:
-        path: HEIC or HEIF file.
+        path: HEIC, HEIF or AVIF file. AVIF of more than 8 bits is decoded to 8.
 
     Raises:
         ImageFileError: The file is damaged or too large, or the kind of its profile is unsupported.
-        MissingExtraError: pillow-heif is not installed.
+        MissingExtraError: pillow-heif is not installed, or Pillow for AVIF.
     """
     file = _open(path)
     space = _space(path, file)
@@ -122,7 +136,7 @@ def read_heif(path: Path | str) -> HeifPicture:
     )
 
 
-def _space(path: Path | str, file: "HeifFile") -> ColorSpace:
+def _space(path: Path | str, file: "HeifFile | _AvifFile") -> ColorSpace:
     """Return the colour space; code points of HDR come first, then the profile, then other code points."""
     code = file.info.get("nclx_profile") or {}
     primaries, transfer = (
@@ -152,7 +166,7 @@ def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding]
         ISO/IEC 23008-12, "Image File Format", 2022: auxiliary pictures ``urn:mpeg:hevc:2015:auxid:2``.
         ITU-T H.265, 2023, annex G: depth representation information.
     """
-    maps = _open(path).info["depth_images"]
+    maps = _open(path).info.get("depth_images")
     if not maps:
         return None
     coding = _apple_coding(path)
@@ -167,7 +181,7 @@ def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding]
 def read_heif_gain_map(
     path: Path | str, exif: bytes | None
 ) -> tuple[str, NDArray[np.float32], AppleCoding | GainCoding] | None:
-    """Read the gain map of the primary picture, upright; None if there is none.
+    """Read the gain map of the primary picture of a HEIC file, upright; None if there is none.
 
     A map of ISO 21496-1 has precedence over Apple's.
 
@@ -181,6 +195,8 @@ def read_heif_gain_map(
     Raises:
         ImageFileError: The map or its metadata are damaged.
     """
+    if is_avif(path):
+        return None
     data = Path(path).read_bytes()
     try:
         item = tone_map_item(data) if has_tone_map(data) else None
@@ -221,8 +237,44 @@ def _packets(data: bytes) -> Iterator[bytes]:
         yield data[start:end]
 
 
-def _open(path: Path | str, data: bytes | None = None) -> "HeifFile":
+class _AvifFile:
+    """AVIF picture with the interface of ``HeifFile``, decoded by Pillow to 8 bits.
+
+    Attributes:
+        size: Width and height of the upright picture.
+        info: Profile, code points, EXIF of the upright picture, and XMP.
+        has_alpha: Whether the last channel is alpha.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        from PIL import ExifTags, Image
+
+        self._file = Image.open(path, formats=["AVIF"])
+        self.has_alpha = self._file.mode.endswith("A")
+        exif = self._file.getexif()
+        self._orientation = int(exif.get(ExifTags.Base.Orientation, 1))
+        width, height = self._file.size
+        self.size = (height, width) if self._orientation >= 5 else (width, height)
+        self.info = dict(self._file.info)
+        if self._orientation != 1:
+            del exif[ExifTags.Base.Orientation]
+            self.info["exif"] = exif.tobytes()
+        data = Path(path).read_bytes()
+        if (start := data.find(_COLOR_BOX)) >= 0:
+            names = ("color_primaries", "transfer_characteristics")
+            self.info["nclx_profile"] = dict(
+                zip(names, unpack_from(">HH", data, start + len(_COLOR_BOX)), strict=True)
+            )
+
+    def __array__(self, dtype: object = None, copy: bool | None = None) -> NDArray[np.uint8]:
+        values = np.asarray(self._file)
+        return apply_orientation(values if values.ndim == 3 else values[..., None], self._orientation)
+
+
+def _open(path: Path | str, data: bytes | None = None) -> "HeifFile | _AvifFile":
     """Open a file, or its contents changed."""
+    if data is None and is_avif(path):
+        return _open_avif(path)
     require_extra("pillow_heif", "heif")
     import pillow_heif
 
@@ -236,7 +288,21 @@ def _open(path: Path | str, data: bytes | None = None) -> "HeifFile":
     return file
 
 
-def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage | HeifAuxImage") -> NDArray[np.float32]:
+def _open_avif(path: Path | str) -> _AvifFile:
+    require_extra("PIL", "avif")
+    from PIL import features
+
+    if not ("avif" in features.modules and features.check("avif")):
+        raise MissingExtraError("reading AVIF needs Pillow 11.3 or later: pip install 'bokehnet[avif]'")
+    try:
+        return _AvifFile(path)
+    except _DECODER_ERRORS as error:
+        raise ImageFileError(f"{path}: the AVIF file is truncated or damaged ({_one_line(error)})") from error
+
+
+def _pixels(
+    path: Path | str, image: "HeifFile | _AvifFile | HeifDepthImage | HeifAuxImage"
+) -> NDArray[np.float32]:
     """Decode to (H, W, C) in [0, 1]."""
     width, height = image.size
     check_pixel_count(path, width, height)

@@ -27,6 +27,7 @@ _PICTURES = (
     ".pfm",
     ".heic",
     ".heif",
+    ".avif",
 )
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.special import erf
 
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.light.clip_level import clip_levels
@@ -132,6 +133,18 @@ def test_a_sky_behind_trees_is_brightened_and_bluish():
     assert_allclose(recovered.image[:80, 5].mean(), 4, rtol=0.7)
     assert_array_equal(recovered.image[80:], original[80:])
     assert recovered.note.endswith("x white")
+
+
+@pytest.mark.parametrize("radiance", [1.5, 3.0, 5.0])
+def test_oblique_edges_measure_the_radiance_of_a_sky(radiance):
+    """Authority: the known radiance behind trunks, through a Gaussian point spread function of .4 pixels."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    distance = (x * np.cos(0.3) + y * np.sin(0.3)) % 24 - 12
+    cover = 0.5 * (1 + erf((6 - np.abs(distance)) / (np.sqrt(2) * np.hypot(0.4, np.sqrt(1 / 12)))))
+    light = noisy(0.05, np.random.default_rng(5)) * (1 - cover[..., None]) + radiance * cover[..., None]
+    recovered = recover_light(stored(light), np.where(np.abs(distance) < 7, 0, 0.4).astype(np.float32))
+    measured = np.median(recovered.image[np.abs(distance) < 3].min(-1))
+    assert_allclose(measured, radiance, rtol=0.4)
 
 
 @pytest.mark.parametrize("level", [1.0, 1.05, 1.1])

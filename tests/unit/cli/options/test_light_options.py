@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.engines.options import RenderOptions
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
+from bokehnet.light.recovery import recover_light
 from bokehnet.optics.tone import Highlights
 from bokehnet.render.renderer import BokehRenderer
 
@@ -61,6 +62,24 @@ def test_the_hybrid_takes_highlights(folder, cli, random_weights):
     assert cli(*hybrid, "--highlights", 0.7, "-o", "out.exr", "--save-maps", "maps").code == 0
     assert cli(*SCATTER, "--highlights", 0.7, "-o", "scatter.png").code == 0
     assert_array_equal(read_image("maps/classical.png"), read_image("scatter.png"))
+
+
+@pytest.mark.parametrize("look", [("--onion", 1), ("--cats-eye", 1)])
+def test_recovered_lamps_are_drawn_like_lamps_of_known_light(folder, cli, look):
+    """Oracle: the render of a picture that holds the recovered light, without any recovery."""
+    picture = 0.003 * (1 + np.random.default_rng(0).random((40, 64, 3)))
+    picture[6:9, 6:9] = picture[20:23, 40:43] = 1
+    write_image("photo.png", picture)
+    write_image("disparity.png", np.full((40, 64, 3), 0.02))
+    recovered = recover_light(read_image("photo.png"), read_disparity("disparity.png"))
+    write_image("light.exr", recovered.image)
+    assert recovered.largest > 4
+    assert cli(*WORDS, *look, "-o", "auto.exr").code == 0
+    assert cli(*WORDS[:1], "light.exr", *WORDS[2:], *look, "-o", "known.exr").code == 0
+    assert cli(*WORDS, "-o", "plain.exr").code == 0
+    auto, known, plain = (read_image(f"{name}.exr") for name in ("auto", "known", "plain"))
+    assert_allclose(auto, known, rtol=0.02, atol=1e-3)
+    assert np.abs(auto - plain).max() > 0.05
 
 
 @pytest.mark.parametrize(

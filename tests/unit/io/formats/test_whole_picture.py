@@ -14,11 +14,13 @@ from bokehnet.io.formats.heif import read_heif
 from bokehnet.io.formats.output_format import OutputFormat
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import check_writable, read_image, write_image
+from bokehnet.io.info import image_info
 from bokehnet.io.metadata.exif import read_directory
 from tests.unit.io.color import profiles
 from tests.unit.io.metadata.test_photo_metadata import exif, packet
 
 Image = pytest.importorskip("PIL.Image", reason="writes test files with Pillow")
+ImageOps = pytest.importorskip("PIL.ImageOps")
 
 HEIGHT, WIDTH = 40, 56
 
@@ -165,9 +167,30 @@ def test_an_encoder_that_fails_is_one_line(tmp_path, slope, monkeypatch):
     assert not list(tmp_path.glob("*.heic"))
 
 
-def test_a_format_that_is_only_written_is_named(tmp_path):
-    """Authority: README of the readers lists no AVIF; the message says so and names the readable ones."""
+def test_photographs_in_avif_are_read(tmp_path, photo):
+    """Authority: Pillow's decoder and ``exif_transpose``; ICC.1 profile of Display P3."""
     path = tmp_path / "a.avif"
-    path.write_bytes(b"\0\0\0\x1cftypavif" + bytes(40))
-    with pytest.raises(ImageFileError, match=r"AVIF files are written, not read; convert it to one of \.jpg"):
+    with Image.open(photo) as picture:
+        picture.save(path, quality=90, **{k: picture.info[k] for k in ("exif", "icc_profile", "xmp")})
+    frame = read_frame(path)
+    with Image.open(path) as picture:
+        upright = ImageOps.exif_transpose(picture)
+    assert_allclose(frame.space.encode(frame.image), np.asarray(upright) / 255, atol=1e-3)
+    assert "P3" in frame.space.name
+    directory, _ = read_directory(frame.metadata.exif.removeprefix(b"Exif\0\0"))
+    assert directory[0x010F].values == b"Maker\0"
+    info = image_info(path)
+    assert (info.file_format, info.pixel_type, info.height) == ("avif", "8 bits", frame.image.shape[0])
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(ImageFileError, match=r"damaged"):
         read_frame(path)
+
+
+def test_pq_in_avif_is_decoded_by_its_code_points(tmp_path, slope):
+    """Authority: ITU-T H.273, transfer 16 is PQ; SMPTE ST 2084: a code of .58 is 203 cd/m2, white."""
+    path = tmp_path / "a.avif"
+    Image.new("RGB", (16, 16), (148,) * 3).save(path, quality=100, subsampling="4:4:4")
+    data = path.read_bytes()
+    at = data.index(b"colrnclx") + 8
+    path.write_bytes(data[:at] + b"\0\x09\0\x10" + data[at + 4 :])
+    assert_allclose(read_image(path), 1, rtol=0.06)
