@@ -3,19 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
-import numpy as np
+if TYPE_CHECKING:  # messages of the command line read the table without NumPy and numba
+    import numpy as np
 
-from bokehnet.checks import check_choice
-from bokehnet.classical.base import (
-    ClassicalOptions,
-    ClassicalRenderer,
-    ClassicalResult,
-    check_ideal_except_tilt,
-)
-from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.optics.aperture import Aperture
+    from bokehnet.classical.base import ClassicalOptions, ClassicalRenderer, ClassicalResult
+    from bokehnet.optics.aperture import Aperture
 
 __all__ = ["BASELINES", "Baseline", "baseline_renderer"]
 
@@ -107,22 +101,26 @@ def _table() -> dict[str, Baseline]:
 BASELINES = _table()
 
 
-def baseline_renderer(name: str) -> ClassicalRenderer:
+def baseline_renderer(name: str) -> "ClassicalRenderer":
     """Return a baseline as a classical renderer of an engine, with the geometric error map.
 
     Raises:
         ParameterError: Unknown name. The renderer raises it for lenses, strips and apertures that the method
             does not support.
     """
+    from bokehnet.checks import check_choice
+    from bokehnet.classical.base import ClassicalResult, check_ideal_except_tilt
+    from bokehnet.classical.error_map import geometric_error_map
+
     check_choice("engine", name, BASELINES)
     method: Callable[..., np.ndarray] = getattr(import_module(BASELINES[name].module), name)
 
     def render(
-        image: np.ndarray,
-        defocus: np.ndarray,
-        aperture: Aperture | None = None,
-        **options: Unpack[ClassicalOptions],
-    ) -> ClassicalResult:
+        image: "np.ndarray",
+        defocus: "np.ndarray",
+        aperture: "Aperture | None" = None,
+        **options: Unpack["ClassicalOptions"],
+    ) -> "ClassicalResult":
         extra: dict[str, Any] = {}
         if name in _WITH_LENS_RESPONSE:
             extra["lens_response"] = options.get("lens_response")

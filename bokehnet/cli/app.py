@@ -7,6 +7,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -56,6 +57,17 @@ class _Root(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
             raise click.exceptions.Exit(_INTERRUPTED) from error
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command; where its name is an existing file, the error names ``render``."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            if Path(args[0]).exists():
+                error.message += f" To render this file: bokehnet render {args[0]}"
+            raise
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands in the order of definition."""

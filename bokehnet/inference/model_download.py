@@ -149,6 +149,9 @@ def cached_file(model: DepthModel) -> Path | None:
         MissingExtraError: As :func:`model_file`.
     """
     model.check_available()
+    require_extra("huggingface_hub", "models")
+    if not _has_cache_folder(model):
+        return None
     _load_hub()
     from huggingface_hub import try_to_load_from_cache
 
@@ -156,6 +159,14 @@ def cached_file(model: DepthModel) -> Path | None:
     if not isinstance(cached, str):
         return None
     return _checked(model, Path(cached))
+
+
+def _has_cache_folder(model: DepthModel) -> bool:
+    """Return whether the cache has files of a repository, without the import of a client of HTTP."""
+    os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")  # read when the constants are imported
+    from huggingface_hub import constants
+
+    return Path(constants.HF_HUB_CACHE, f"models--{model.repository.replace('/', '--')}").is_dir()
 
 
 def download(model: DepthModel, progress: Progress | None = None) -> Path:
@@ -223,9 +234,10 @@ def _load_hub() -> None:
     """Import ``huggingface_hub`` without telemetry and log lines, with progress bars only on a terminal."""
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     require_extra("huggingface_hub", "models")
+    from huggingface_hub.utils.logging import set_verbosity
     from huggingface_hub.utils.tqdm import disable_progress_bars
 
-    logging.getLogger("huggingface_hub").setLevel(logging.CRITICAL)
+    set_verbosity(logging.CRITICAL)  # configures the logger first, which the first download would reset
     if not sys.stderr.isatty():
         disable_progress_bars()
 

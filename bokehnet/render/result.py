@@ -108,8 +108,8 @@ class RenderResult:
         >>> from bokehnet.render.renderer import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
         >>> result = BokehRenderer("scatter").render_arrays(picture, defocus)
-        >>> result._repr_html_()[-59:]  # text below the picture in a notebook
-        'scatter, 32x24, blur up to 4.0 pixels</figcaption></figure>'
+        >>> result  # in a notebook: the picture, with this text below
+        <RenderResult: scatter, 32x24, blur up to 4.0 pixels>
         >>> result.save_maps("maps")
         >>> sorted(path.name for path in Path("maps").iterdir())
         ['classical.png', 'defocus.exr', 'defocus.png', 'error_map.png']
@@ -206,14 +206,20 @@ class RenderResult:
                 light[mixed.rows, mixed.columns] = colors
                 write_image(folder / f"{name}.png", self._in_rec709(light), alpha=is_mixed)
 
+    def __repr__(self) -> str:
+        """Return size and report in one line, without the arrays."""
+        return f"<RenderResult: {', '.join(self._lines())}>"
+
     def _repr_html_(self) -> str:
         """Return the HTML for a notebook: the picture with the report below."""
+        return shown_html(self._in_rec709(self.bokeh), self._lines())
+
+    def _lines(self) -> list[str]:
+        """Return size, engine, blur and focus as the first line, and one line per note."""
         report = self.report
         height, width = self.bokeh.shape[:2]
-        lines = [f"{report.engine}, {width}x{height}, blur up to {report.largest_blur:.1f} pixels"]
-        if report.focus_text:
-            lines[0] += f", {report.focus_text}"
-        return shown_html(self._in_rec709(self.bokeh), [*lines, *report.notes])
+        line = f"{report.engine}, {width}x{height}, blur up to {report.largest_blur:.1f} pixels"
+        return [f"{line}, {report.focus_text}" if report.focus_text else line, *report.notes]
 
     def _in_rec709(self, image: Array) -> Array:
         return image if self.frame is None else convert(image, self.frame.space, LINEAR_REC709)

@@ -82,8 +82,8 @@ class Scene:
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
         >>> scene = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), number=1001)
-        >>> scene.number, scene.window.display_width, float(scene.depth.values.max())
-        (1001, 32, 0.25)
+        >>> scene, scene.number, float(scene.depth.values.max())
+        (<Scene: 32x24, relative depth>, 1001, 0.25)
     """
 
     image: Array
@@ -98,6 +98,11 @@ class Scene:
     supersampled: int = 1
     light_sums: npt.NDArray[np.float64] | None = None
     extra_light: Array | None = None
+
+    def __repr__(self) -> str:
+        """Return size and kind of depth in one line, without the arrays."""
+        height, width = self.image.shape[:2]
+        return f"<Scene: {width}x{height}, {self.depth.kind} depth>"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

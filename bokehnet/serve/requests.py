@@ -10,12 +10,12 @@ from typing import Any
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.inference.depth_convention import convention_names
-from bokehnet.inference.depth_models import find_depth_model
+from bokehnet.inference.depth_models import depth_model_names
 from bokehnet.lenses.catalog import catalog_names
 from bokehnet.scene.focus_checks import check_focus
 from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import RenderSettings, all_settings, merged
-from bokehnet.settings.settings_file import settings_from_table
+from bokehnet.settings.settings_file import settings_from_table, similar_name
 
 __all__ = ["FILES", "FORMATS", "check_request", "file_name", "job_settings"]
 
@@ -111,13 +111,12 @@ def _check_own_files(settings: RenderSettings) -> None:
         remedy = f"send it as the file `{field}`" if field else "leave it out"
         raise ParameterError(path, "nothing, in a service", str(value), remedy)
     named = {
-        "input.depth_model": (settings.input.depth_model, find_depth_model(settings.input.depth_model or "")),
-        "input.depth_convention": (
-            settings.input.depth_convention,
-            settings.input.depth_convention in convention_names(),
-        ),
-        "lens.name": (settings.lens.name, settings.lens.name in catalog_names()),
+        "input.depth_model": (settings.input.depth_model, depth_model_names()),
+        "input.depth_convention": (settings.input.depth_convention, convention_names()),
+        "lens.name": (settings.lens.name, catalog_names()),
     }
-    for path, (value, is_known) in named.items():
-        if value is not None and not is_known:
-            raise ParameterError(path, "a name that comes with the package", str(value))
+    for path, (value, names) in named.items():
+        if value is not None and str(value) not in names:
+            near = similar_name(str(value), names)
+            remedy = f"did you mean {near}?" if near else ""
+            raise ParameterError(path, "a name that comes with the package", str(value), remedy)

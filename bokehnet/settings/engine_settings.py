@@ -24,7 +24,7 @@ assert set(get_args(EngineName)) == set(ENGINES)
 
 def _moved_engine(name: Any) -> str:
     """Return a hint for a method of the literature that earlier versions offered as an engine."""
-    from bokehnet.baselines.registry import BASELINES  # imports NumPy: too slow for a help text
+    from bokehnet.baselines.registry import BASELINES
 
     if not isinstance(name, str) or name not in BASELINES:
         return ""

@@ -12,7 +12,7 @@ from bokehnet.io.files.text import read_text
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.settings import RenderSettings, all_settings, group_types, settings_by_flag
 
-__all__ = ["load_settings", "read_toml", "save_settings", "settings_from_table"]
+__all__ = ["load_settings", "read_toml", "save_settings", "settings_from_table", "similar_name"]
 
 
 def settings_from_table(
@@ -51,8 +51,10 @@ def settings_from_table(
                     for path, each in all_settings().items()
                     if each.allowed_in_preset or not allowed_in_preset
                 }
-                names = allowed if "." in name else allowed.values()
-                near = _similar(name, names)
+                names = set(allowed if "." in name else allowed.values())
+                if isinstance(item, Mapping):
+                    names = {path.split(".")[0] for path in allowed}
+                near = similar_name(name, names)
                 advice = f"did you mean {near}?" if near else f"{what} {', '.join(sorted(names))}"
                 raise ConfigError(f"{source}: unknown option {name!r}; {advice}")
             if not isinstance(item, bool | int | float | str | list):
@@ -63,8 +65,13 @@ def settings_from_table(
     return changes
 
 
-def _similar(name: str, names: Iterable[str]) -> str:
-    """Return the most similar name; empty if none is similar."""
+def similar_name(name: str, names: Iterable[str]) -> str:
+    """Return the most similar other name; empty if none is similar.
+
+    Examples:
+        >>> similar_name("camra", ["aperture", "camera"])
+        'camera'
+    """
     matches = difflib.get_close_matches(name, names, n=1, cutoff=0.75)
     return matches[0] if matches and matches[0] != name else ""
 

@@ -11,6 +11,7 @@ from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
+from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import presets
 from bokehnet.settings.settings import group_types
 
@@ -134,19 +135,22 @@ def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> 
     """Raise ``ParameterError`` if options or the name of the picture belong to a sequence."""
     from bokehnet.sequence.frame_names import is_pattern
 
-    if (sequence, run) != (SequenceSettings(), RunSettings()):
-        raise ParameterError(
-            "sequence.frames",
-            expected="frames, which --jobs, --overwrite, --pull, --ray, --steady, --track "
-            "and the options -from and -to need",
-            shown="none",
-        )
+    given = [flag for group in (sequence, run) for flag in _given_flags(group) if flag != "overwrite"]
+    if given:
+        options = ", ".join(f"--{flag}" for flag in given)
+        raise ParameterError("sequence.frames", expected=f"frames such as 1-100 for {options}", shown="none")
     if is_pattern(image) and not image.exists():
         raise ParameterError(
             "sequence.frames",
             expected=f"frames such as 1001-1100, since {image} names a sequence",
             shown="none",
         )
+
+
+def _given_flags(group: SequenceSettings | RunSettings) -> list[str]:
+    """Return the flags whose values in ``group`` are not the defaults."""
+    fields = field_settings(type(group))
+    return [f"{field.flag}" for name, field in fields.items() if getattr(group, name) != field.default]
 
 
 def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> None:

@@ -22,7 +22,11 @@ class RunSettings(Group):
         "With --frames: address of a Ray cluster to render on; its machines must see the same folders.",
         metavar="ADDRESS",
     )
-    overwrite: bool = setting(False, "With --frames: render existing outputs again instead of skipping them.")
+    overwrite: bool = setting(
+        False,
+        "Render existing frames of a sequence again instead of skipping them. A single output is always "
+        "replaced.",
+    )
     video_codec: Literal["h264", "h265", "prores", "ffv1"] | None = setting(
         None,
         "Codec of a video: h264, h265, prores or ffv1. Default: prores in .mov, ffv1 in .mkv, h264 in .mp4 "

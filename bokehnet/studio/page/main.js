@@ -18,6 +18,7 @@ const now = {
 };
 
 const TINTS = { nearer: "#f58c2888", farther: "#3c78eb88", same: "#ffffff66", sharp: "#46e67888", hidden: "#b45ae688" };
+const COMMAND_DELAY_MS = 300; // after the last draft: the final picture of a busy machine may take long
 let pending = null, running = null, first = false, held = false;
 
 // ---- previews: one request at a time, the last one wins
@@ -64,6 +65,8 @@ async function render({ changes, preset, begun, kind }) {
           if (fresh) {
             now.facts = header;
             applySettings(header);
+            clearTimeout(now.commandTimer);
+            now.commandTimer = setTimeout(showCommand, COMMAND_DELAY_MS);
           }
           showFacts({ ...header, equivalents: header.equivalents ?? now.facts.equivalents });
           if (header.stage !== "draft") histogram($("histogram"), picture.pixels);

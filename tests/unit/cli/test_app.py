@@ -22,6 +22,8 @@ def one_line(text):
         (["info"], "Missing argument"),
         (["info", "--bogus", "a.png"], "--bogus"),
         (["bogus"], "bogus"),
+        (["rendr"], "Did you mean 'render'?"),
+        ([__file__], f"To render this file: bokehnet render {__file__}"),
         (["info", "a.png", "b.png"], "b.png"),
     ],
 )

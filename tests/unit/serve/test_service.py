@@ -132,6 +132,7 @@ def test_a_key_brings_the_same_job_and_another_request_with_it_is_refused(runnin
             ["lens.name", "comes with the package"],
         ),
         ({"settings": json.dumps({"input": {"depth_model": "x.onnx"}})}, ["input.depth_model"]),
+        ({"settings": json.dumps({"lens": {"name": "double_gaus"}})}, ["did you mean double_gauss?"]),
         ({"preset": "../../x.toml"}, ["preset", "anamorphic"]),
         ({"format": "exe"}, ["format", "png"]),
         ({"image_url": "https://example.org/a.png"}, ["image", "one of `image` and `image_url`, got both"]),

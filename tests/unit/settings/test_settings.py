@@ -262,7 +262,9 @@ def test_a_file_that_cannot_be_written_is_reported_and_nothing_is_left(tmp_path)
     [
         ("blads = 5\n", ConfigError, "unknown option 'blads'; did you mean blades"),
         ("[aperture]\nblads = 5\n", ConfigError, "unknown option 'aperture.blads'"),
-        ("[apertures]\nblades = 5\n", ConfigError, "unknown option 'apertures'"),
+        ("[apertures]\nblades = 5\n", ConfigError, "unknown option 'apertures'; did you mean aperture"),
+        ("[lights]\nblades = 5\n", ConfigError, "unknown option 'lights'; did you mean light"),
+        ("[motor]\nblades = 5\n", ConfigError, "unknown option 'motor'; expected one of aperture, "),
         ("[aperture.blades]\nmany = 5\n", ConfigError, "aperture.blades: expected a number"),
         ("[camera]\nblur = 1979-05-27\n", ConfigError, "camera.blur: expected a number"),
         (

@@ -219,7 +219,8 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
 def test_without_output_the_result_is_next_to_the_picture_and_never_replaces_a_file(folder, cli):
     """Rule: photo_bokeh.png, then photo_bokeh_2.png; the same picture as with -o."""
     words = (*RELATIVE, *SCATTER, "--blur", 6, "--focus", 0.4, "-q")
-    assert cli(*words, "-o", "wanted.png").code == 0
+    for again in ((), ("--overwrite",)):  # a named output is replaced in any case
+        assert cli(*words, "-o", "wanted.png", *again).code == 0
     for name in ("photo_bokeh.png", "photo_bokeh_2.png"):
         before = {path.name: path.read_bytes() for path in folder.iterdir()}
         assert cli(*words).code == 0

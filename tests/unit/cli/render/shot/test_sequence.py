@@ -188,11 +188,10 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
             (*STILL, *FOCUS, "--frames", "1-4", "--pull", "a.csv", "--blur-from", 1, "--blur-to", 2),
             "expected either --pull or the ends",
         ),
-        ((*STILL, *FOCUS, "--jobs", 2), "--frames: expected frames, which --jobs, --overwrite, --pull"),
-        ((*STILL, *FOCUS, "--overwrite"), "--frames: expected frames, which --jobs, --overwrite, --pull"),
+        ((*STILL, *FOCUS, "--jobs", 2), "--frames: expected frames such as 1-100 for --jobs, got none"),
         (
             (*STILL, "--blur", 6, "--focus-from", 0, "--focus-to", 1),
-            "--frames: expected frames, which --jobs, --overwrite, --pull",
+            "--frames: expected frames such as 1-100 for --focus-from, --focus-to, got none",
         ),
         (
             (*SHOT[:-2], *FOCUS),
