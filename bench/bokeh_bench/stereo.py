@@ -35,18 +35,21 @@ def _moved(values: np.ndarray, disparity: int) -> np.ndarray:
     return moved
 
 
-def _inverse_depth(costs: np.ndarray, size: int) -> np.ndarray:
+def _inverse_depth(costs: np.ndarray, size: int, *, checks_border: bool) -> np.ndarray:
     """Return inverse depth by the least of costs (D, H, W), checked from the right, filled and smoothed.
 
     Args:
         costs: Cost of each disparity in pixels for the pixels of the left picture.
         size: Width of the median at the end.
+        checks_border: True to count matches outside of the right picture as unseen.
     """
     other = np.stack([np.roll(cost, -d, 1) for d, cost in enumerate(costs)])
     disparity, reverse = costs.argmin(0), other.argmin(0)
     columns = np.arange(WIDTH)
     back = np.take_along_axis(reverse, np.clip(columns - disparity, 0, WIDTH - 1), 1)
-    seen = (np.abs(back - disparity) <= 1) & (columns >= disparity)
+    seen = np.abs(back - disparity) <= 1
+    if checks_border:
+        seen &= columns >= disparity
     return median(filled(_subpixel(costs, disparity), seen), size) / _BASELINE
 
 
@@ -69,7 +72,7 @@ def block_matching(scene: Scene, image: np.ndarray) -> np.ndarray:
     costs = np.empty((_DISPARITIES, HEIGHT, WIDTH))
     for d, cost in enumerate(costs):
         cost[:] = box(np.abs(left - _moved(right, d)).sum(-1), _WINDOW)
-    return _inverse_depth(costs, 5)
+    return _inverse_depth(costs, 5, checks_border=False)
 
 
 def semi_global(scene: Scene, image: np.ndarray) -> np.ndarray:
@@ -87,7 +90,7 @@ def semi_global(scene: Scene, image: np.ndarray) -> np.ndarray:
     for d in range(_DISPARITIES):
         costs[..., d] = (signs_left != _moved(signs_right, d)).sum(-1)
     total = sum(_along_path(costs, left, step) for step in _PATHS)
-    return _inverse_depth(np.moveaxis(np.asarray(total), -1, 0), 3)
+    return _inverse_depth(np.moveaxis(np.asarray(total), -1, 0), 3, checks_border=True)
 
 
 def _census(grey: np.ndarray) -> np.ndarray:
