@@ -1,21 +1,21 @@
 """Depth maps as real estimators make them, from the scene itself.
 
 Each function returns the depth in metres, (H, W). The faults come from how an estimator works, not from
-noise that is added to an exact map: the stereo matcher compares two rendered pictures, the time-of-flight
-camera averages light over its large pixels, the upsampling sees a coarse map and the sharp picture.
+noise that is added to an exact map: the stereo matchers compare two rendered pictures, the time-of-flight
+camera averages light over its large pixels, the laser scanner sees few points from another place, the
+upsampling sees a coarse map and the sharp picture.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
+from bokeh_bench.filters import blocks, box, dilated, filled, median, resized
 from bokeh_bench.scenes import HEIGHT, WIDTH, Scene, camera
-from bokeh_bench.tracing import SKY_DEPTH, pinhole_depth, render
+from bokeh_bench.stereo import block_matching, semi_global
+from bokeh_bench.tracing import SKY_DEPTH, pinhole_depth, trace
 
 __all__ = ["KINDS", "depth_map"]
-
-# Distance of the two cameras of the stereo pair in pixel metres: disparity in pixels times depth in metres.
-_STEREO_BASELINE, _STEREO_DISPARITIES, _STEREO_WINDOW = 12.0, 32, 7
 
 # Factor of the resolution of the time-of-flight camera, its relative noise and its least usable light.
 _TOF_FACTOR, _TOF_NOISE, _TOF_MIN_LIGHT = 4, 0.01, 0.02
@@ -24,39 +24,10 @@ _TOF_FACTOR, _TOF_NOISE, _TOF_MIN_LIGHT = 4, 0.01, 0.02
 # colour.
 _COARSE_FACTOR, _SPACE_SIGMA, _COLOR_SIGMA = 8, 0.7, 0.1
 
-
-def _box(values: np.ndarray, size: int) -> np.ndarray:
-    """Return the mean over a square of an odd size, border repeated."""
-    half = size // 2
-    padded = np.pad(values, [(half + 1, half), (half + 1, half)], mode="edge").cumsum(0).cumsum(1)
-    total = padded[size:, size:] - padded[:-size, size:] - padded[size:, :-size] + padded[:-size, :-size]
-    return np.asarray(total / size**2)
-
-
-def _median(values: np.ndarray, size: int) -> np.ndarray:
-    half = size // 2
-    padded = np.pad(values, half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
-    return np.asarray(np.median(windows.reshape(*values.shape, -1), axis=-1))
-
-
-def _resized(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return (h, w) interpolated linearly to another size, centres aligned, border repeated."""
-    result = np.asarray(values, np.float64)
-    for axis in range(2):
-        count = result.shape[axis]
-        position = np.clip((np.arange(shape[axis]) + 0.5) * count / shape[axis] - 0.5, 0, count - 1)
-        low = np.minimum(position.astype(int), max(count - 2, 0))
-        part = (position - low).reshape((-1, 1) if axis == 0 else (1, -1))
-        upper = np.take(result, np.minimum(low + 1, count - 1), axis)
-        result = np.take(result, low, axis) * (1 - part) + upper * part
-    return result
-
-
-def _blocks(values: np.ndarray, factor: int) -> np.ndarray:
-    """Return the mean of blocks, (H / factor, W / factor, ...)."""
-    height, width = values.shape[0] // factor, values.shape[1] // factor
-    return np.asarray(values.reshape(height, factor, width, factor, *values.shape[2:]).mean((1, 3)))
+# Laser scanner: degrees between two points across and down, half of its view, metres above the camera, metres
+# of noise along a ray, least light of a surface that answers.
+_LASER_ACROSS, _LASER_DOWN, _LASER_HALF_VIEW = 0.4, 0.5, 26.0
+_LASER_HEIGHT, _LASER_NOISE, _LASER_MIN_LIGHT = 0.05, 0.01, 0.03
 
 
 def exact(scene: Scene, image: np.ndarray) -> np.ndarray:
@@ -72,51 +43,68 @@ def eight_bit(scene: Scene, image: np.ndarray) -> np.ndarray:
 
 
 def stereo(scene: Scene, image: np.ndarray) -> np.ndarray:
-    """Return the depth of block matching between this picture and one from the right.
+    """Return the depth of block matching between this picture and one from the right."""
+    return _depth(block_matching(scene, image))
 
-    Windows fatten foregrounds, stripes match at the wrong period, smooth areas are noisy, and pixels that
-    the second camera does not see fail the check from right to left and take the farther neighbour of their
-    row.
+
+def semi_global_stereo(scene: Scene, image: np.ndarray) -> np.ndarray:
+    """Return the depth of semi-global matching between the same two pictures."""
+    return _depth(semi_global(scene, image))
+
+
+def laser_points(scene: Scene) -> np.ndarray:
+    """Return the picture of the inverse depths that a laser scanner above the camera measures, (H, W).
+
+    The scanner sees behind foregrounds, so that points of both fall side by side on them; of two points of
+    one pixel the nearer stays. Dark surfaces and the sky send nothing back. 0 is a pixel without a point.
     """
-    baseline = _STEREO_BASELINE * camera().slope
-    right = render(scene.surfaces, scene.sky, camera(shift=baseline), 64, 5)
-    left = np.clip(image, 0, 1) ** (1 / 2.2)
-    right = np.clip(right, 0, 1) ** (1 / 2.2)
-    costs = np.empty((2, _STEREO_DISPARITIES, HEIGHT, WIDTH))
-    for d in range(_STEREO_DISPARITIES):
-        moved = np.roll(right, d, 1)
-        moved[:, :d] = right[:, :1]
-        difference = np.abs(left - moved).sum(-1)
-        costs[0, d] = _box(difference, _STEREO_WINDOW)
-        costs[1, d] = np.roll(costs[0, d], -d, 1)
-    disparity, other = costs.argmin(1)
-    columns = np.arange(WIDTH)
-    seen = np.abs(np.take_along_axis(other, np.clip(columns - disparity, 0, WIDTH - 1), 1) - disparity) <= 1
-    return _depth(_median(_filled(_subpixel(costs[0], disparity), seen), 5) / _STEREO_BASELINE)
-
-
-def _subpixel(costs: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """Return the minimum of the parabola through the costs around the best disparity."""
-    low, middle, high = (
-        np.take_along_axis(costs, np.clip(best + step, 0, len(costs) - 1)[None], 0)[0] for step in (-1, 0, 1)
+    columns, rows = (
+        np.arange(-_LASER_HALF_VIEW, _LASER_HALF_VIEW, step) for step in (_LASER_ACROSS, _LASER_DOWN)
     )
-    curvature = np.maximum(low - 2 * middle + high, 1e-6)
-    return np.asarray(best + np.clip((low - high) / (2 * curvature), -0.5, 0.5))
-
-
-def _filled(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return values with holes filled by the smaller of the valid neighbours left and right."""
-    result = values.copy()
-    columns = np.arange(values.shape[1])
-    for row, known in zip(result, valid, strict=True):
-        if not known.any():
-            continue
-        left = np.maximum.accumulate(np.where(known, columns, -1))
-        right = np.minimum.accumulate(np.where(known, columns, len(columns))[::-1])[::-1]
-        from_left = np.where(left >= 0, row[np.maximum(left, 0)], np.inf)
-        from_right = np.where(right < len(columns), row[np.minimum(right, len(columns) - 1)], np.inf)
-        row[~known] = np.minimum(from_left, from_right)[~known]
+    slope = np.stack(np.meshgrid(np.tan(np.radians(columns)), np.tan(np.radians(rows))), -1).reshape(-1, 2)
+    origin = np.broadcast_to([0.0, -_LASER_HEIGHT], slope.shape)
+    color, z, index = trace(scene.surfaces, scene.sky, origin, slope)
+    z = np.where(index >= 0, z, 1.0)
+    point = np.c_[origin + slope * z[:, None], z]
+    noise = 1 + np.random.default_rng(8).normal(size=len(z)) * _LASER_NOISE / np.linalg.norm(point, axis=1)
+    size = np.array([WIDTH, HEIGHT])
+    pixel = np.floor(point[:, :2] / point[:, 2:] / camera().slope + size / 2).astype(int)
+    valid = (index >= 0) & (color.mean(-1) > _LASER_MIN_LIGHT) & ((pixel >= 0) & (pixel < size)).all(1)
+    result = np.zeros((HEIGHT, WIDTH))
+    x, y = pixel[valid].T
+    np.maximum.at(result, (y, x), 1 / (z * noise)[valid])
     return result
+
+
+def sparse(scene: Scene, image: np.ndarray) -> np.ndarray:
+    """Return the depth of a laser scanner, some 7 % of the pixels, made dense by morphology alone.
+
+    Nearer points win: foregrounds grow and outlines are those of the filter, gaps between thin things close,
+    and the sky takes the depth of what is below or beside it.
+
+    Source: Ku, Harakeh and Waslander, "In defense of classical image processing: Fast depth completion on the
+    CPU", CRV 2018.
+    """
+    points = laser_points(scene)
+    rows = np.pad(points, 2)
+    diamond = np.max(
+        [
+            rows[2 + dy : 2 + dy + HEIGHT, 2 + dx : 2 + dx + WIDTH]
+            for dy in range(-2, 3)
+            for dx in range(-2, 3)
+            if abs(dy) + abs(dx) <= 2
+        ],
+        axis=0,
+    )
+    dense = -dilated(-dilated(diamond, 5), 5)
+    dense = np.where(dense > 0, dense, dilated(dense, 7))
+    # Empty pixels above the uppermost point of a column take its depth.
+    top = (dense > 0).argmax(0)
+    above = np.arange(HEIGHT)[:, None] < top
+    dense = np.where(above, np.take_along_axis(dense, top[None], 0), dense)
+    while (empty := dense <= 0).any():
+        dense = np.where(empty, dilated(dense, 31), dense)
+    return _depth(box(median(dense, 5), 3))
 
 
 def time_of_flight(scene: Scene, image: np.ndarray) -> np.ndarray:
@@ -128,14 +116,14 @@ def time_of_flight(scene: Scene, image: np.ndarray) -> np.ndarray:
     """
     depth = exact(scene, image)
     light = np.clip(image.mean(-1), 0, 1) / depth**2
-    weight = _blocks(light, _TOF_FACTOR)
-    mean = _blocks(light * np.minimum(depth, 20), _TOF_FACTOR) / np.maximum(weight, 1e-12)
+    weight = blocks(light, _TOF_FACTOR)
+    mean = blocks(light * np.minimum(depth, 20), _TOF_FACTOR) / np.maximum(weight, 1e-12)
     amplitude = weight * mean**2
     normal = np.random.default_rng(6).normal(size=mean.shape)
     noise = _TOF_NOISE / np.sqrt(np.clip(amplitude, 0.02, 1)) * normal
     valid = (amplitude > _TOF_MIN_LIGHT) & (weight > 1e-6)
-    inverse = _filled(1 / np.maximum(mean * (1 + noise), 0.1), valid)
-    return _depth(_resized(inverse, depth.shape))
+    inverse = filled(1 / np.maximum(mean * (1 + noise), 0.1), valid)
+    return _depth(resized(inverse, depth.shape))
 
 
 def upsampled(scene: Scene, image: np.ndarray) -> np.ndarray:
@@ -147,8 +135,8 @@ def upsampled(scene: Scene, image: np.ndarray) -> np.ndarray:
     Source: Kopf, Cohen, Lischinski and Uyttendaele, "Joint bilateral upsampling", SIGGRAPH 2007.
     """
     inverse = 1 / exact(scene, image)
-    coarse, guide = _blocks(inverse, _COARSE_FACTOR), np.clip(image, 0, 1) ** (1 / 2.2)
-    colors = _blocks(guide, _COARSE_FACTOR)
+    coarse, guide = blocks(inverse, _COARSE_FACTOR), np.clip(image, 0, 1) ** (1 / 2.2)
+    colors = blocks(guide, _COARSE_FACTOR)
     y, x = ((np.arange(n) + 0.5) / _COARSE_FACTOR - 0.5 for n in inverse.shape)
     total, weights = np.zeros(inverse.shape), np.full(inverse.shape, 1e-12)
     for dy in range(-1, 3):
@@ -169,8 +157,8 @@ def monocular(scene: Scene, image: np.ndarray) -> np.ndarray:
     is off by up to 4 % of its range, slowly over the picture.
     """
     inverse = 1 / exact(scene, image)
-    half = _median(_blocks(inverse, 2), 5)
-    soft = _resized(_box(_box(half, 3), 3), inverse.shape)
+    half = median(blocks(inverse, 2), 5)
+    soft = resized(box(box(half, 3), 3), inverse.shape)
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
     bend = 0.04 * np.ptp(inverse) * np.sin(2.1 * x + 1.3 * y)
     return _depth(np.maximum(soft + bend * (soft > 0.02), 0))
@@ -184,7 +172,9 @@ KINDS: dict[str, Callable[[Scene, np.ndarray], np.ndarray]] = {
     "exact": exact,
     "eight_bit": eight_bit,
     "stereo": stereo,
+    "semi_global": semi_global_stereo,
     "time_of_flight": time_of_flight,
+    "sparse": sparse,
     "upsampled": upsampled,
     "monocular": monocular,
 }

@@ -17,7 +17,7 @@ import numpy as np
 
 from bokeh_bench.surfaces import Card, Surface, Texture
 
-__all__ = ["SKY_DEPTH", "Camera", "blur_radius", "pinhole_depth", "render"]
+__all__ = ["SKY_DEPTH", "Camera", "blur_radius", "pinhole_depth", "render", "trace"]
 
 # Depth of the sky, metres.
 SKY_DEPTH = 1e10
@@ -97,7 +97,7 @@ def _visible(surface: Surface, camera: Camera, rows: tuple[int, int]) -> bool:
     return middle + extent >= rows[0] and middle - extent <= rows[1]
 
 
-def _trace(
+def trace(
     surfaces: list[Surface], sky: np.ndarray, origin: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return colour (N, 3), depth (N,) and surface index (N,) of rays; the sky has index -1."""
@@ -152,7 +152,7 @@ def _add_lamp(
     inside = np.nonzero(_in_pupil(camera, pupil))[0]
     light = np.zeros((len(pixel), 3))
     origin, slope = _rays(camera, pixel[inside], pupil[inside])
-    color, _, index = _trace(surfaces, sky, origin, slope)
+    color, _, index = trace(surfaces, sky, origin, slope)
     light[inside] = np.where((index == number)[:, None], color, 0)
     factor = np.pi * radius**2 / (_pupil_area(camera) * blur**2)
     mean = light.reshape(-1, _LAMP_SAMPLES, 3).mean(1).reshape(y1 - y0, x1 - x0, 3)
@@ -201,7 +201,7 @@ def render(surfaces: list[Surface], sky: np.ndarray, camera: Camera, samples: in
         pupil = _pupil(camera, rng, count, samples).astype(np.float32)
         origin, slope = _rays(camera, pixel, pupil)
         seen = [surface for surface in black if _visible(surface, camera, (first, last))]
-        color = _trace(seen, sky, origin, slope)[0]
+        color = trace(seen, sky, origin, slope)[0]
         picture[first:last] = color.reshape(count, samples, 3).mean(1).reshape(last - first, camera.width, 3)
     for number in sampled:
         _add_lamp(picture, surfaces, number, sky, camera, seed)
@@ -223,5 +223,5 @@ def pinhole_depth(surfaces: list[Surface], sky: np.ndarray, camera: Camera) -> n
     pinhole = np.zeros(pixel.shape)
     origin = pinhole.copy()
     origin[:, 0] += camera.shift
-    depth = _trace(surfaces, sky, origin, camera.slope * pixel)[1]
+    depth = trace(surfaces, sky, origin, camera.slope * pixel)[1]
     return np.minimum(depth, SKY_DEPTH).reshape(camera.height, camera.width).astype(np.float64)

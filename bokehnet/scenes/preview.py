@@ -34,8 +34,8 @@ _FALLBACK_PIVOT = 2.0
 # Maximum blur radius of a draft, as a fraction of the picture's width.
 _MAX_DRAFT_BLUR = 0.15
 
-# Cameras that are kept: real and ideal lens, at the size of motion and of rest.
-_CACHED_CAMERAS = 4
+# Cameras that are kept: real and ideal lens, at the sizes of motion and of rest.
+_CACHED_CAMERAS = 8
 
 # Samples between two refined pictures: the first, and the largest.
 _FIRST_SAMPLES, _MAX_SAMPLES = 4, 32

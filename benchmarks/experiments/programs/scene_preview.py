@@ -1,8 +1,8 @@
 """Previewer of scene files in Chromium: ``python -m benchmarks.experiments.programs.scene_preview``.
 
-For each scene: pictures a second on the page while a pointer orbits, milliseconds from a change of the focus
-to its first picture, and processor milliseconds of a draft. ``--figures DIR`` writes the table as a JSON
-file, ``--screenshot FILE.png`` the page of the first scene.
+For each scene: pictures a second on the page while a pointer orbits and the width of the last, milliseconds
+from a change of the focus to its first picture, and processor milliseconds of a draft. ``--figures DIR``
+writes the table as a JSON file, ``--screenshot FILE.png`` the page of the first scene.
 """
 
 import argparse
@@ -21,9 +21,10 @@ from benchmarks.figures import write_figures
 from bokehnet.scenes.preview import ScenePreview, View
 
 _COMMAND = "python -m benchmarks.experiments.programs.scene_preview --figures docs/figures"
-_CONDITIONS = "drafts of 256x171 pixels; pictures a second and milliseconds on the page in Chromium"
+_CONDITIONS = "two cores; pictures a second and milliseconds on the page in Chromium; draft of 256x171 pixels"
 _COLUMNS = {
     "rate": ("pictures a second in an orbit", ".1f"),
+    "width": ("width of a draft in motion, px", ".0f"),
     "focus": ("ms from focus to picture", ".0f"),
     "draft": ("processor ms of a draft", ".0f"),
 }
@@ -48,7 +49,7 @@ def _draft_milliseconds(scene: str) -> float:
 
 
 def _measure_page(page: Any, address: str) -> dict[str, float]:
-    """Return pictures a second in an orbit, and milliseconds from a change of the focus to its picture."""
+    """Return pictures a second in an orbit, their width, and milliseconds from a focus to its picture."""
 
     def number(name: str) -> int:
         return int(page.evaluate(f"Number(document.body.dataset.{name} ?? 0)"))
@@ -67,6 +68,7 @@ def _measure_page(page: Any, address: str) -> dict[str, float]:
         page.mouse.move(x + 60 + 2 * (step % 60), y + step % 20)
         time.sleep(1 / _POINTER_HZ)
     rate = 1000 * (number("drafts") - first) / passed
+    width = number("width")
     page.mouse.up()
     times = []
     for change in range(_CHANGES):
@@ -77,7 +79,7 @@ def _measure_page(page: Any, address: str) -> dict[str, float]:
         while number("drafts") == count:
             page.wait_for_timeout(5)
         times.append(number("latency"))
-    return {"rate": rate, "focus": statistics.median(times)}
+    return {"rate": rate, "width": width, "focus": statistics.median(times)}
 
 
 def main() -> None:

@@ -2,12 +2,15 @@
 
 import { frames, get } from "./api.js";
 
-const DRAFT_WIDTH = 256, MAX_WIDTH = 640, DEGREES_PER_PX = 0.35, CLICK_PX = 4, FOCUS_STEP = 1.04;
+const MAX_WIDTH = 640, DEGREES_PER_PX = 0.35, CLICK_PX = 4, FOCUS_STEP = 1.04;
+// Widths of a draft: the last at rest; in motion the next smaller one above SLOW_MS, the next larger below FAST_MS.
+const DRAFT_WIDTHS = [128, 160, 192, 224, 256], SLOW_MS = 85, FAST_MS = 50;
 const element = (id) => document.getElementById(id);
 const canvas = element("result"), stage = element("stage");
 
 const view = { azimuth: 0, elevation: 0, zoom: 1, exposure: 0, lens: {} };
 let scene, original, controller = null, drafting = false, waiting = null, times = [];
+let pace = DRAFT_WIDTHS.length - 1;
 
 /** Ask for pictures of the current view; while a draft is on its way, only the newest request waits. */
 function show(options = {}) {
@@ -24,16 +27,16 @@ async function load(options) {
   const own = (controller = new AbortController());
   drafting = true;
   const begin = performance.now();
-  const width = Math.min(MAX_WIDTH, Math.max(DRAFT_WIDTH, Math.round(canvas.clientWidth)));
+  const largest = DRAFT_WIDTHS.at(-1), draft_width = options.moving ? DRAFT_WIDTHS[pace] : largest;
+  const width = Math.min(MAX_WIDTH, Math.max(largest, Math.round(canvas.clientWidth)));
   try {
-    for await (const { header, pixels } of frames("view", { ...view, ...options, width, draft_width: DRAFT_WIDTH }, own.signal)) {
+    for await (const { header, pixels } of frames("view", { ...view, ...options, width, draft_width }, own.signal)) {
       if (own.signal.aborted) return;
       if (pixels) await draw(pixels);
       if (header.stage === "draft") {
         drafting = Boolean(options.moving); // its response is read to its end, so that the connection stays
         element("error").textContent = "";
-        document.body.dataset.latency = Math.round(performance.now() - begin);
-        count();
+        count(performance.now() - begin, options.moving ? draft_width : 0);
         if (options.focus_at) focused(header.focus_distance);
       }
       report(header);
@@ -59,9 +62,15 @@ async function draw(jpeg) {
   picture.close();
 }
 
-/** Count drafts of the last second. */
-function count() {
+/** Count drafts of the last second, and choose the width of the next one in motion. */
+function count(milliseconds, movingWidth) {
   const now = performance.now();
+  if (movingWidth) {
+    if (milliseconds > SLOW_MS) pace = Math.max(pace - 1, 0);
+    else if (milliseconds < FAST_MS) pace = Math.min(pace + 1, DRAFT_WIDTHS.length - 1);
+    document.body.dataset.width = movingWidth;
+  }
+  document.body.dataset.latency = Math.round(milliseconds);
   times = [...times.filter((time) => now - time < 1000), now];
   document.body.dataset.drafts = Number(document.body.dataset.drafts ?? 0) + 1;
   document.body.dataset.rate = times.length;

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import socket
 import struct
 import zipfile
 import zlib
@@ -344,6 +345,37 @@ def test_the_token_is_in_a_private_page_not_in_the_command_line(tmp_path, sessio
     assert token in page.read_text()
     assert page.stat().st_mode & 0o777 == 0o600
     assert page.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_body_does_not_wait_for_the_acknowledgement_of_its_header(session, monkeypatch):
+    """Authority: the option of the connection as the event loop sets it up (RFC 896, RFC 1122 4.2.3.4)."""
+    pytest.importorskip("uvicorn", reason="needs the extra studio")
+    from bokehnet.studio import server
+    from bokehnet.studio.app import make_app
+
+    found = []
+
+    def run(_, sockets):
+        async def connect():
+            done = asyncio.Event()
+
+            def accepted(reader, writer):
+                connection = writer.get_extra_info("socket")
+                found.append(connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+                writer.close()
+                done.set()
+
+            async with await asyncio.start_server(accepted, sock=sockets[0]):
+                _, writer = await asyncio.open_connection(*sockets[0].getsockname())
+                await done.wait()
+                writer.close()
+
+        asyncio.run(connect())
+
+    monkeypatch.setattr(server.uvicorn.Server, "run", run)
+    monkeypatch.setattr(session, "close", lambda: None)
+    server.serve(session, make_app, browser=False, tell=lambda _: None)
+    assert found == [1]
 
 
 class Immediate:
