@@ -65,9 +65,10 @@ class _Root(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            if Path(args[0]).exists():
-                error.message += f" To render this file: bokehnet render {args[0]}"
-            raise
+            if not Path(args[0]).exists():
+                raise
+            hint = f"{error.message} To render this file: bokehnet render {args[0]}"
+            raise click.UsageError(hint, ctx) from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands in the order of definition."""
