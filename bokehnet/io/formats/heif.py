@@ -206,8 +206,8 @@ def read_heif_gain_map(
         if item.metadata[:1] != b"\0":
             raise ImageFileError(f"{path}: the gain map has an unknown version, expected 0")
         coding = iso_coding(path, item.metadata[1:])
-        return ISO_KIND, _pixels(path, _open(path, item.picture))[..., :3], coding
-    file = _open(path)
+        return ISO_KIND, _pixels(path, _open_heic(path, item.picture))[..., :3], coding
+    file = _open_heic(path)
     maps = (file.info.get("aux") or {}).get(APPLE_ITEM)
     if not maps:
         return None
@@ -273,8 +273,10 @@ class _AvifFile:
 
 def _open(path: Path | str, data: bytes | None = None) -> "HeifFile | _AvifFile":
     """Open a file, or its contents changed."""
-    if data is None and is_avif(path):
-        return _open_avif(path)
+    return _open_avif(path) if data is None and is_avif(path) else _open_heic(path, data)
+
+
+def _open_heic(path: Path | str, data: bytes | None = None) -> "HeifFile":
     require_extra("pillow_heif", "heif")
     import pillow_heif
 
