@@ -206,8 +206,8 @@ def read_heif_gain_map(
         if item.metadata[:1] != b"\0":
             raise ImageFileError(f"{path}: the gain map has an unknown version, expected 0")
         coding = iso_coding(path, item.metadata[1:])
-        return ISO_KIND, _pixels(path, _open_heif(path, item.picture))[..., :3], coding
-    file = _open_heif(path)
+        return ISO_KIND, _pixels(path, _open_heic(path, item.picture))[..., :3], coding
+    file = _open_heic(path)
     maps = (file.info.get("aux") or {}).get(APPLE_ITEM)
     if not maps:
         return None
@@ -271,12 +271,12 @@ class _AvifFile:
         return apply_orientation(values if values.ndim == 3 else values[..., None], self._orientation)
 
 
-def _open(path: Path | str) -> "HeifFile | _AvifFile":
-    return _open_avif(path) if is_avif(path) else _open_heif(path)
-
-
-def _open_heif(path: Path | str, data: bytes | None = None) -> "HeifFile":
+def _open(path: Path | str, data: bytes | None = None) -> "HeifFile | _AvifFile":
     """Open a file, or its contents changed."""
+    return _open_avif(path) if data is None and is_avif(path) else _open_heic(path, data)
+
+
+def _open_heic(path: Path | str, data: bytes | None = None) -> "HeifFile":
     require_extra("pillow_heif", "heif")
     import pillow_heif
 
