@@ -11,8 +11,8 @@ import pytest
 
 import bokehnet
 from bokehnet.cli.app import app
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 SHELL = re.compile(r"```sh\n(.*?)```", re.DOTALL)
 

@@ -10,6 +10,7 @@ import pytest
 import bokehnet
 from bokehnet.cli.app import run
 from bokehnet.io.image import write_image, write_map
+from tests.conftest import ROOT
 from tests.unit.io.depth.phone_files import encode, gdepth_photo
 from tests.unit.io.exr.exr_files import read_channels, write_exr
 
@@ -18,7 +19,6 @@ TensorProto, helper = onnx.TensorProto, onnx.helper
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "docs/use/examples.md")
 TEXT = "\n".join((ROOT / page).read_text(encoding="utf-8") for page in PAGES)
 PAIRS = list(dict.fromkeys(re.findall(r"```sh\n(# [^`]*?)```\n\n```python\n(.*?)```", TEXT, flags=re.DOTALL)))

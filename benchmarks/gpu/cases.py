@@ -1,4 +1,4 @@
-"""Agreement and speed on a CUDA device: ``python -m benchmarks.speed.cuda --out FOLDER``.
+"""Agreement and speed on a CUDA device: ``python -m benchmarks.gpu.cases --out FOLDER``.
 
 The benchmark renders the same arrays on the device and on the CPU of the same machine. A row states the
 difference of the results, the median time of each after a warm-up, the time of the copies between host and
@@ -25,7 +25,7 @@ import numba
 import numpy as np
 import torch
 
-from benchmarks.device_measurement import DeviceMemory, Report, TimedMarch, agreement, synchronize
+from benchmarks.gpu.measurement import DeviceMemory, Report, TimedMarch, agreement, synchronize
 from benchmarks.measurement import median_seconds, scene
 from bokehnet.classical.cuda.march import CudaMarch
 from bokehnet.classical.known_layers import Layers
@@ -332,7 +332,7 @@ def main() -> None:
     has_device = torch.cuda.is_available()
     if not has_device and os.environ.get("NUMBA_ENABLE_CUDASIM") != "1":
         print(f"No CUDA device found by torch {torch.__version__}: simulating with tiny pictures.")
-        parts = [sys.executable, "-W", "ignore", "-m", "benchmarks.speed.cuda", *sys.argv[1:]]
+        parts = [sys.executable, "-W", "ignore", "-m", "benchmarks.gpu.cases", *sys.argv[1:]]
         raise SystemExit(subprocess.run(parts, env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}).returncode)
     device = "cuda" if has_device else "cpu"
     report = Report(arguments.out, arguments.seconds)

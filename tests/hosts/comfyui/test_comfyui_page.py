@@ -4,7 +4,7 @@ import json
 import time
 
 from tests.end_to_end.conftest import browser  # noqa: F401
-from tests.hosts.test_comfyui import PACK, host, pytestmark  # noqa: F401
+from tests.hosts.comfyui.test_comfyui import PACK, host, pytestmark  # noqa: F401
 
 LOAD = """async ([text]) => {
   await app.handleFile(new File([text], "example.json", { type: "application/json" }));

@@ -4,7 +4,7 @@ First the tests marked ``gpu``, which compare the card with the CPU; a failure e
 of scatter, rays and the engine ``hybrid`` at 1920x1080 and at 12 megapixels, copies included, with their
 difference to the CPU. Last the profile of a render by ``rays`` at 1920x1080: the functions in which most time
 is spent. ``FOLDER/cuda.json`` has the timings, ``FOLDER/profile.txt`` the profile.
-:mod:`benchmarks.speed.cuda` has more cases and no bound of time.
+:mod:`benchmarks.gpu.cases` has more cases and no bound of time.
 
 Without a card the command prints one line and fails; ``--dry-run`` runs timings and profile on tiny pictures
 in numba's simulator of a card.
@@ -49,9 +49,9 @@ def run_tests() -> None:
 
 def profile(width: int, height: int, device: str) -> str:
     """Return the profile of one warm render by rays: the functions with most time of their own."""
-    from benchmarks.device_measurement import synchronize
+    from benchmarks.gpu.cases import BLURS
+    from benchmarks.gpu.measurement import synchronize
     from benchmarks.measurement import scene
-    from benchmarks.speed.cuda import BLURS
     from bokehnet.render.renderer import BokehRenderer
 
     image, radii = scene(width, height, BLURS["usual"] * width)
@@ -68,8 +68,8 @@ def profile(width: int, height: int, device: str) -> str:
 
 def measure(out: Path | None, device: str) -> None:
     """Print timings and profile; write both to a folder."""
-    from benchmarks.device_measurement import Report
-    from benchmarks.speed.cuda import APERTURES, BLURS, Bench
+    from benchmarks.gpu.cases import APERTURES, BLURS, Bench
+    from benchmarks.gpu.measurement import Report
 
     report = Report(out, _TIMING_SECONDS)
     bench = Bench(report, 5 if device == "cuda" else 1, device)

@@ -20,10 +20,10 @@ import pytest
 
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image
-from tests.hosts import web_socket
+from tests.conftest import ROOT
 from tests.hosts.archives import install
+from tests.hosts.comfyui import web_socket
 
-ROOT = Path(__file__).parents[2]
 PACK = ROOT / "integrations/comfyui"
 COMFYUI = os.environ.get("COMFYUI_ROOT")
 
