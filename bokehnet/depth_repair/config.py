@@ -17,7 +17,6 @@ STAGES = (
     "snap",
     "thin",
     "grow",
-    "values",
 )
 
 # Side of the blocks in which changes are accepted, pixels.

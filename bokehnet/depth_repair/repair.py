@@ -32,9 +32,7 @@ from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.deblur import (
-    BlurEstimate,
     estimate_blur,
-    fit_surface_values,
     restore_blurred_detail,
     snap_soft_edges,
 )
@@ -178,12 +176,11 @@ class DisparityRepair:
         decides = mode == "auto"
         if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
-        proposal, blur = start, None
+        proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
         for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
             progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
-            proposed, its_blur = self._propose(colors, start, small if is_soft else None, placement)
-            blur = its_blur if number == 0 else blur
+            proposed = self._propose(colors, start, small if is_soft else None, placement)
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
@@ -194,9 +191,6 @@ class DisparityRepair:
             accepted = accepted_blocks(colors, proposal, grown, config)
             proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
             blocks |= accepted
-        if blur is not None and "values" in config.stages:
-            # The final map has sharper edges than the one that the blur was estimated with.
-            proposal = fit_surface_values(estimate_blur(blur.original, proposal, blur.soft), proposal)
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
@@ -221,8 +215,8 @@ class DisparityRepair:
         start: np.ndarray,
         soft: np.ndarray | None,
         placement: Placement,
-    ) -> tuple[np.ndarray, BlurEstimate | None]:
-        """Return the map that the stages propose, (H, W), and for soft maps the blur that it explains.
+    ) -> np.ndarray:
+        """Return the map that the stages propose, (H, W).
 
         Args:
             image: Picture at the smallest size, scene-linear, (3, H, W).
@@ -232,20 +226,19 @@ class DisparityRepair:
         """
         stages, span = self._config.stages, float(np.ptp(start))
         colors, repaired = image.transpose(1, 2, 0), placement.apply(start)
-        blur = None
         if soft is not None:
-            repaired, blur = self._restore_soft_edges(colors, soft, repaired, placement, span)
+            repaired = self._restore_soft_edges(colors, soft, repaired, placement, span)
         if "thin" in stages:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
             # Traced lines have rough borders.
             repaired = snap_soft_edges(colors, repaired, local_extremes(repaired != without, 1)[1], span)
-        return repaired, blur
+        return repaired
 
     def _restore_soft_edges(
         self, image: np.ndarray, soft: np.ndarray, repaired: np.ndarray, placement: Placement, span: float
-    ) -> tuple[np.ndarray, BlurEstimate]:
-        """Return the map with blurred detail and with its soft edges at colour edges, (H, W), and the blur.
+    ) -> np.ndarray:
+        """Return the map with blurred detail and with its soft edges at colour edges, (H, W).
 
         A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
         input is better if only blur makes thin structures seem larger.
@@ -258,10 +251,10 @@ class DisparityRepair:
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
                 blur = estimate_blur(placed, values, mask)
-            versions.append((blur, values))
+            versions.append((blur.residual, mask, values))
         first, last = versions[0], versions[-1]
-        blur, values = last if last[0].residual < _MAX_RESIDUAL_RATIO * first[0].residual else first
-        return snap_soft_edges(image, values, blur.soft, span) if "snap" in stages else values, blur
+        _, mask, values = last if last[0] < _MAX_RESIDUAL_RATIO * first[0] else first
+        return snap_soft_edges(image, values, mask, span) if "snap" in stages else values
 
 
 def _edge_pixels(disparity: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
-from bokehnet.depth_repair.filters import local_extremes, shift_edges, weighted_median
+from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
@@ -30,7 +30,6 @@ __all__ = [
     "BlurEstimate",
     "blur_map",
     "estimate_blur",
-    "fit_surface_values",
     "restore_blurred_detail",
     "snap_soft_edges",
 ]
@@ -55,19 +54,6 @@ _MIN_RESIDUAL = 0.05
 
 # Number of van Cittert iterations.
 _ITERATIONS = 2
-
-# Fit of the values of surfaces: iterations; half width of the window and dilation of the soft pixels whose
-# values are fitted, pixels; maximum difference of the values of one surface, in heights of the lowest depth
-# edge.
-_FIT_ITERATIONS, _FIT_RADIUS_PX, _FIT_TOLERANCE = 12, 2, 0.5
-
-# Half width of the structures whose values are fitted, in standard deviations of the blur: wider ones keep
-# their values beside their edges.
-_FIT_HALF_WIDTH = 2.0
-
-# Maximum ratio of the squared residuals after and before the fit. Of the blurred maps of 18 held-out random
-# scenes, 17 stay below it: 15 come nearer to the truth, 2, whose edges had shrunk before the blur, do not.
-_MAX_FIT_RESIDUAL = 0.025
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
@@ -133,15 +119,11 @@ class BlurEstimate(NamedTuple):
     """Estimate of the blur of a map.
 
     Attributes:
-        original: Map with the blur, (H, W).
-        soft: Pixels at its soft edges, (H, W), bool.
         sigma: Standard deviation of the Gaussian that best maps the repaired map to the input, pixels; 0
             if the input is hardly soft.
         residual: Mean square root of the absolute residuals that remain, in square roots of the map's unit.
     """
 
-    original: np.ndarray
-    soft: np.ndarray
     sigma: float
     residual: float
 
@@ -160,7 +142,7 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     """
     ys, xs = np.nonzero(soft)
     if len(ys) == 0:
-        return BlurEstimate(original, soft, 0.0, 0.0)
+        return BlurEstimate(0.0, 0.0)
     stride = -(-len(ys) // _BLUR_SAMPLES)
     ys, xs = ys[::stride], xs[::stride]
     mean_roots, residuals = [], np.empty(len(ys), np.float32)
@@ -170,10 +152,10 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
         mean_roots.append(float(np.sqrt(residuals).mean()))
     best = int(np.argmin(mean_roots))
     if best in (0, len(mean_roots) - 1):
-        return BlurEstimate(original, soft, _SIGMAS_PX[best] if best else 0.0, mean_roots[best])
+        return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
     before, minimum, after = mean_roots[best - 1 : best + 2]
     vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
-    return BlurEstimate(original, soft, _SIGMAS_PX[best] * 1.25**vertex, minimum)
+    return BlurEstimate(_SIGMAS_PX[best] * 1.25**vertex, minimum)
 
 
 @njit(cache=True)
@@ -296,66 +278,6 @@ def restore_blurred_detail(
             _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)
     return result
-
-
-@njit(cache=True, parallel=True)
-def _add_mean_residuals(residual, disparity, mask, radius, tolerance, result):  # type: ignore[no-untyped-def]
-    """Fill ``result`` with the map plus the mean residual of the same surface in the window of a pixel."""
-    height, width = disparity.shape
-    for y in prange(height):
-        for x in range(width):
-            value, total, count = disparity[y, x], 0.0, 0
-            if mask[y, x]:
-                for v in range(max(0, y - radius), min(height, y + radius + 1)):
-                    for u in range(max(0, x - radius), min(width, x + radius + 1)):
-                        if abs(disparity[v, u] - value) < tolerance:
-                            total += residual[v, u]
-                            count += 1
-            result[y, x] = value + total / max(count, 1)
-
-
-def fit_surface_values(blur: BlurEstimate, repaired: np.ndarray) -> np.ndarray:
-    """Return a repaired map whose surfaces near edges have values that reproduce the input.
-
-    Blur pulls the values of thin structures and narrow gaps towards their surroundings. The mean residual of
-    a thin surface, which blurring the map leaves, is added to it (van Cittert iteration on surfaces), but no
-    pixel changes sides of its edge. If that does not explain nearly all residuals at all edges, those of wide
-    surfaces included, edges are off, and the map stays as it is.
-
-    Args:
-        blur: Input map and its blur from :func:`estimate_blur`.
-        repaired: Map with sharp edges, (H, W), float32.
-
-    Returns:
-        Map, (H, W), float32, within the range of the input.
-    """
-    original, soft, sigma, _ = blur
-    if sigma == 0:
-        return repaired
-    mask = local_extremes(soft, _FIT_RADIUS_PX)[1]
-
-    def squared_residual(values: np.ndarray) -> float:
-        return float(np.square((original - blur_map(values, sigma))[mask]).sum())
-
-    lowest, highest = float(original.min()), float(original.max())
-    min_height, half_width = MIN_EDGE_HEIGHT * (highest - lowest), math.ceil(_FIT_HALF_WIDTH * sigma)
-    opened = shift_edges(shift_edges(repaired, -half_width), half_width)
-    closed = shift_edges(shift_edges(repaired, half_width), -half_width)
-    thin = (repaired - opened > min_height) | (closed - repaired > min_height)
-    moved_at = mask & local_extremes(thin, _FIT_RADIUS_PX)[1]
-    # A pixel that crossed the middle of its edge would undo the position of the edge.
-    far, near = local_extremes(repaired, half_width)
-    middle, is_edge = 0.5 * (far + near), near - far > min_height
-    low = np.where(is_edge & (repaired > middle), middle, lowest)
-    high = np.where(is_edge & (repaired <= middle), middle, highest)
-    tolerance, fitted = _FIT_TOLERANCE * min_height, repaired
-    for _ in range(_FIT_ITERATIONS):
-        residual, result = original - blur_map(fitted, sigma), np.empty_like(fitted)
-        with parallel_region:
-            _add_mean_residuals(residual, fitted, moved_at, _FIT_RADIUS_PX, tolerance, result)
-        fitted = np.clip(result, low, high)
-    is_explained = squared_residual(fitted) <= _MAX_FIT_RESIDUAL * squared_residual(repaired)
-    return fitted if is_explained else repaired
 
 
 def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, span: float) -> np.ndarray:

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from bokehnet.depth_repair.stages.deblur import (
-    BlurEstimate,
     blur_map,
     estimate_blur,
-    fit_surface_values,
     restore_blurred_detail,
 )
 
@@ -75,43 +73,3 @@ def test_a_map_that_reproduces_the_input_does_not_change():
     image, truth, _ = scene()
     restored = restore_blurred_detail(image, blur_map(truth, 3.0), truth, 3.0)
     np.testing.assert_array_equal(restored, truth)
-
-
-@pytest.mark.parametrize("deviation", [1.5, 2.5])
-def test_thin_structures_that_blur_lowered_get_their_values(deviation):
-    """Authority: the map before the blur."""
-    _, truth, without_wires = scene()
-    blurred = ndimage.gaussian_filter(truth, deviation)
-    wires = truth > without_wires
-    lowered = np.where(wires, 0.5 * (truth + without_wires), truth).astype(np.float32)
-    soft = np.abs(blurred - truth) > 0.01
-    fitted = fit_surface_values(BlurEstimate(blurred, soft, deviation, 0.0), lowered)
-    assert np.abs(fitted - truth)[wires].mean() < 0.65 * np.abs(lowered - truth)[wires].mean()
-    assert np.abs(fitted - truth)[~wires].mean() < 0.02
-    np.testing.assert_array_equal((fitted > 0.7)[60:, 100:], truth[60:, 100:] > 0.7)
-
-
-@pytest.mark.parametrize("pixels", [1, 2, 3])
-@pytest.mark.parametrize("deviation", [1.5, 2.5])
-def test_values_stay_where_edges_are_displaced(pixels, deviation):
-    """The position of the edges explains the residual; authority: the displaced map itself."""
-    _, truth, _ = scene()
-    blurred = ndimage.gaussian_filter(truth, deviation)
-    displaced = np.roll(truth, pixels, axis=1)
-    soft = np.abs(blurred - displaced) > 0.01
-    blur = estimate_blur(blurred, displaced, soft)
-    np.testing.assert_array_equal(fit_surface_values(blur, displaced), displaced)
-
-
-@pytest.mark.parametrize("deviation", [1.5, 2.5, 4.0])
-@pytest.mark.parametrize("error", [0.0, 0.3], ids=["exact blur", "blur 30 % too wide"])
-def test_values_of_slopes_and_relief_stay(deviation, error):
-    """Authority: the map before the blur: an inclined ground, a disc, and relief on a flat wall."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    relief = 0.008 * ndimage.gaussian_filter(np.random.default_rng(3).standard_normal((HEIGHT, WIDTH)), 3)
-    truth = np.where(y > 50, 0.2 + 0.01 * (y - 50), 0.2 + relief)
-    truth = np.where(np.hypot(y - 45, x - 64) < 20, 0.9, truth).astype(np.float32)
-    blurred = ndimage.gaussian_filter(truth, deviation)
-    soft = np.abs(blurred - truth) > 0.01
-    fitted = fit_surface_values(BlurEstimate(blurred, soft, (1 + error) * deviation, 0.0), truth)
-    assert np.abs(fitted - truth).max() < 0.02
