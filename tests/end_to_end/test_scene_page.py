@@ -11,9 +11,13 @@ pytest.importorskip("torch", reason="scenes need the extra train")
 
 
 @pytest.fixture(scope="module")
-def scene_studio():
+def scene_studio(tmp_path_factory):
+    """A studio that traces few samples, so that it rests between tests."""
     pytest.importorskip("starlette", reason="needs the extra studio")
-    studio = Studio(ROOT / "configs" / "scene_balls.toml")
+    text = (ROOT / "configs" / "scene_balls.toml").read_text(encoding="utf-8")
+    scene = tmp_path_factory.mktemp("scene") / "balls.toml"
+    scene.write_text(text.replace("samples = 256", "samples = 8"), encoding="utf-8")
+    studio = Studio(scene)
     yield studio
     studio.end()
 
