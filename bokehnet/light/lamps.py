@@ -27,18 +27,18 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     weight = _lamp_weights(picture, regions, area, clipped, night)
     if not weight.any():
         return used
-    core = _core_nearness(picture, regions)
+    neighbors = _clipped_neighbors(picture, regions)
+    core = _core_nearness(picture, regions, neighbors)
     halo = _Halo.of(picture, regions, area, core)
-    # Maps of thin lamps are unreliable: only pixels that are not clipped can be matter in front.
-    is_behind = picture.relative_nearness(*at) <= core[regions.labels] + config.max_depth_span
-    is_lamp = is_behind | (picture.highest[at] >= picture.level)
+    nearness = picture.relative_nearness(*at)
+    is_lamp = np.abs(nearness - core[regions.labels]) <= config.max_depth_span
     stored = np.stack([regions.sums(picture.image[(*at, c)] / picture.level) for c in range(3)], -1)
     is_clipped = np.stack([regions.sums(picture.image[(*at, c)] >= picture.level) > 0 for c in range(3)], -1)
     halo_flux = np.stack([halo.flux(picture, channel) for channel in range(3)], -1)
     # A halo that says much more of an unclipped channel than it holds is matter or light around the lamp.
     excess = np.where(is_clipped, 0, halo_flux / np.maximum(stored, 1)).max(-1)
     has_halo = halo.weight * ramp(excess, config.halo_excess[::-1])
-    centrality = _centrality(picture, regions, has_halo)
+    centrality = _centrality(picture, regions, neighbors, has_halo)
     flux = _flux(picture, regions, (weight > 0, has_halo, clipped), halo_flux)
     for channel in range(3):
         values = picture.image[(*at, channel)].astype(np.float64)
@@ -118,33 +118,41 @@ def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask
     return float(ramp(sharpness(above), config.glint_sharpness))
 
 
-def _core_nearness(picture: BrightPicture, regions: Components) -> Floats:
-    """Return the median relative nearness of the clipped pixels of each region, (regions,)."""
+def _core_nearness(picture: BrightPicture, regions: Components, neighbors: Floats) -> Floats:
+    """Return the relative nearness of the middle of each region, (regions,).
+
+    The middle is the clipped pixel with most clipped neighbours, the nearest of several: what surrounds a
+    lamp smaller than its glare has the depth of the wall behind.
+
+    Args:
+        picture: Picture.
+        regions: Bright regions.
+        neighbors: Clipped pixels among the 3x3 around each pixel, (N,).
+    """
     core = np.flatnonzero(picture.highest[regions.rows, regions.columns] >= picture.level)
-    labels, nearness = (
-        regions.labels[core],
-        picture.relative_nearness(regions.rows[core], regions.columns[core]),
-    )
-    order = np.lexsort((nearness, labels))
-    count = np.bincount(labels, minlength=regions.count)
-    middle = np.cumsum(count) - count + count // 2
+    nearness = picture.relative_nearness(regions.rows[core], regions.columns[core])
+    order = core[np.lexsort((nearness, neighbors[core], regions.labels[core]))]
     result = np.zeros(regions.count)
-    known = count > 0
-    result[known] = nearness[order][middle[known]]
+    result[regions.labels[order]] = picture.relative_nearness(regions.rows[order], regions.columns[order])
     return result
 
 
-def _centrality(picture: BrightPicture, regions: Components, halo: Floats) -> Floats:
-    """Return the weight of each pixel in the light of its lamp, largest in the middle of its core, (N,).
-
-    Edge pixels of a sharp lamp are clipped although it covers them in part: pixels count by their clipped
-    neighbours. The light of a point is where the least clipped channel is brightest.
-    """
+def _clipped_neighbors(picture: BrightPicture, regions: Components) -> Floats:
+    """Return the number of clipped pixels among the 3x3 around each pixel of the regions, (N,)."""
     clipped = np.pad(picture.highest >= picture.level, 1)
     neighbors = np.zeros(len(regions.rows))
     for down in range(3):
         for right in range(3):
             neighbors += clipped[regions.rows + down, regions.columns + right]
+    return neighbors
+
+
+def _centrality(picture: BrightPicture, regions: Components, neighbors: Floats, halo: Floats) -> Floats:
+    """Return the weight of each pixel in the light of its lamp, largest in the middle of its core, (N,).
+
+    Edge pixels of a sharp lamp are clipped although it covers them in part: pixels count by their clipped
+    neighbours. The light of a point is where the least clipped channel is brightest.
+    """
     whole = picture.image[regions.rows, regions.columns].sum(-1, dtype=np.float64)
     peak = np.zeros(regions.count)
     np.maximum.at(peak, regions.labels, whole)

@@ -178,6 +178,7 @@ def _prepare_picture(
         lambda map: map.values,
     )
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
+    is_estimated = False
     if known is None and matte is not None and not is_exact(scene):
         known = matte_surfaces(matte, final.values)
     elif known is None and engine in RAY_ENGINES and plan is None and is_repaired(scene, settings.depth):
@@ -186,6 +187,7 @@ def _prepare_picture(
             lambda: fringe_surfaces(scene.image, final.values),
             lambda surfaces: np.zeros(0) if surfaces is None else surfaces,
         )
+        is_estimated = True
     choice = None
     if engine in RAY_ENGINES:
         renderer = None if original.frame is None else original.frame.renderer
@@ -199,6 +201,8 @@ def _prepare_picture(
         ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
         lambda: light_at_pixels(scene, final.values, settings.highlights, bars),
     )
+    if is_estimated and known is not None:
+        known = _outside_light(known, light, scene.image.shape[1])
     return _Picture(
         original=original,
         scene=scene,
@@ -213,6 +217,12 @@ def _prepare_picture(
         light=light,
         bars=bars,
     )
+
+
+def _outside_light(surfaces: KnownSurfaces, light: LightAtPixels, width: int) -> KnownSurfaces:
+    """Return estimated surfaces without the pixels of recovered light: a clipped colour is no mixture."""
+    places = surfaces.rows.astype(np.intp) * width + surfaces.columns
+    return surfaces.select(~np.isin(places, light.pixels))
 
 
 def _light_of_blurred(image: Array, light: LightAtPixels, defocus: Array) -> Array:

@@ -314,3 +314,15 @@ def test_matter_in_front_of_a_lamp_is_neither_its_halo_nor_its_light():
     recovered = recover_light(image, near).image
     assert_array_equal(recovered[leaf], image[leaf])
     assert recovered[covered].sum() / recovered[free].sum() == pytest.approx(expected, rel=0.1)
+
+
+def test_light_of_a_lamp_smaller_than_its_glare_has_the_depth_of_its_middle():
+    """The map shows the bulb before a wall, and the wall where its glare clips."""
+    light = night(np.random.default_rng(0), [(80, 60, 1, 300.0), (40, 160, 1, 300.0)], halo=0.4)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    bulb = (np.hypot(y - 80, x - 60) < 1.5) | (np.hypot(y - 40, x - 160) < 1.5)
+    image = stored(light)
+    excess = (recover_light(image, np.where(bulb, 0.4, 0).astype(np.float32)).image - image).max(-1)
+    assert ((image.max(-1) == 1) & ~bulb).sum() > bulb.sum()
+    assert (excess[bulb] > 10).all()
+    assert_array_equal(excess[~bulb], 0)

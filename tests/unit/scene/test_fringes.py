@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.io.image import write_image, write_map
+from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.fringes import fringe_surfaces
+from bokehnet.scene.scene import read_scene
+from bokehnet.settings.settings import RenderSettings
 
 HEIGHT, WIDTH = 256, 384
 
@@ -68,3 +73,33 @@ def test_tiny_pictures_are_left_alone(shape: tuple[int, int]) -> None:
     disparity = np.zeros(shape, np.float32)
     disparity[: shape[0] // 2] = 1
     assert fringe_surfaces(np.full((*shape, 3), 0.5, np.float32), disparity) is None
+
+
+def test_lamps_are_no_mixture_of_two_surfaces(tmp_path, monkeypatch) -> None:
+    """A clipped lamp keeps its light, although its outline looks soft; its neighbours are estimated."""
+    rng = np.random.default_rng(6)
+    image = (0.004 * (1 + 0.3 * rng.random((96, 128, 1))) * np.ones(3)).astype(np.float32)
+    disparity = np.zeros((96, 128), np.float32)
+    for row in range(12, 96, 24):
+        for column in range(12, 128, 24):
+            image[row - 2 : row + 3, column - 2 : column + 3] = 1
+            disparity[row - 1 : row + 2, column - 1 : column + 2] = 0.5
+    disparity[60:, :20] = 1
+    write_image(tmp_path / "night.png", image)
+    write_map(tmp_path / "map.png", disparity)
+
+    def everywhere(image: np.ndarray, disparity: np.ndarray) -> KnownSurfaces:
+        rows, columns = (index.reshape(-1) for index in np.indices(disparity.shape))
+        half = np.full(rows.shape, 0.5, np.float32)
+        return KnownSurfaces(rows=rows, columns=columns, near=2 * half, far=0 * half, coverage=half)
+
+    monkeypatch.setattr("bokehnet.scene.preparation.preparation.fringe_surfaces", everywhere)
+    changes = {"camera": {"blur": 12}, "focus": {"value": 1.0}, "input": {"disparity": tmp_path / "map.png"}}
+    settings = RenderSettings().updated(changes)
+    known = BokehRenderer().prepare(read_scene(tmp_path / "night.png", settings), settings).known
+    is_estimated = np.zeros(disparity.shape, bool)
+    is_estimated[known.rows, known.columns] = True
+    middles = np.zeros(disparity.shape, bool)
+    middles[12::24, 12::24] = True
+    assert not is_estimated[middles].any()
+    assert is_estimated[image.max(-1) < 0.5].all()
