@@ -38,7 +38,7 @@ def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights,
         (["-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
         (
             ["-o", "out.onnx", "--engine", "hybrid"],
-            ["expected one of bokehme, fast, neural, rays, repair, got 'hybrid'"],
+            ["expected one of bokehme, fast, neural, rays, got 'hybrid'"],
         ),
         ([], ["--output"]),
     ],

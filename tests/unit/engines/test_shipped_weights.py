@@ -123,5 +123,5 @@ def test_networks_give_the_same_bits_if_the_process_keeps_freed_memory(monkeypat
         options = network._session._options
         assert options["enable_cpu_mem_arena"] is not keeps
         # ONNX Runtime raises if there is no memory to release.
-        outputs += network(*arrays, release=True)
+        outputs.append(network(*arrays, release=True))
     np.testing.assert_array_equal(*outputs)
