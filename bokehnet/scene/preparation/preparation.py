@@ -177,17 +177,17 @@ def _prepare_picture(
         lambda: _final_map(scene, settings, report, repairer, plan, is_kept=maps.max_bytes > 0),
         lambda map: map.values,
     )
+    known_light = scene.light_sums if scene.extra_light is None else scene.extra_light
+    sums = None if known_light is None else array_digest(known_light)
+    light = cache.get(
+        ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
+        lambda: light_at_pixels(scene, final.values, settings.highlights, bars),
+    )
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
-    is_estimated = False
     if known is None and matte is not None and not is_exact(scene):
         known = matte_surfaces(matte, final.values)
     elif known is None and engine in RAY_ENGINES and plan is None and is_repaired(scene, settings.depth):
-        known = cache.get(
-            ("fringes", *key),
-            lambda: fringe_surfaces(scene.image, final.values),
-            lambda surfaces: np.zeros(0) if surfaces is None else surfaces,
-        )
-        is_estimated = True
+        known = _estimated_surfaces(scene, final.values, light, cache, key)
     choice = None
     if engine in RAY_ENGINES:
         renderer = None if original.frame is None else original.frame.renderer
@@ -195,14 +195,6 @@ def _prepare_picture(
             ("filter", digests, renderer, settings.depth.pixel_filter),
             lambda: choose_filter(original, settings.depth.pixel_filter),
         )
-    known_light = scene.light_sums if scene.extra_light is None else scene.extra_light
-    sums = None if known_light is None else array_digest(known_light)
-    light = cache.get(
-        ("light", *key, sums, settings.highlights.threshold, settings.highlights.strength),
-        lambda: light_at_pixels(scene, final.values, settings.highlights, bars),
-    )
-    if is_estimated and known is not None:
-        known = _outside_light(known, light, scene.image.shape[1])
     return _Picture(
         original=original,
         scene=scene,
@@ -219,9 +211,26 @@ def _prepare_picture(
     )
 
 
-def _outside_light(surfaces: KnownSurfaces, light: LightAtPixels, width: int) -> KnownSurfaces:
-    """Return estimated surfaces without the pixels of recovered light: a clipped colour is no mixture."""
-    places = surfaces.rows.astype(np.intp) * width + surfaces.columns
+def _estimated_surfaces(
+    scene: Scene, values: Array, light: LightAtPixels, cache: PictureCache, key: tuple[Any, ...]
+) -> KnownSurfaces | None:
+    """Return the surfaces of soft silhouettes, without recovered light: a clipped colour is no mixture.
+
+    Args:
+        scene: Scene at the size of its render.
+        values: Its map, repaired, (H, W).
+        light: Recovered light.
+        cache: Cache of the picture.
+        key: Key of its map.
+    """
+    surfaces = cache.get(
+        ("fringes", *key),
+        lambda: fringe_surfaces(scene.image, values),
+        lambda estimated: np.zeros(0) if estimated is None else estimated,
+    )
+    if surfaces is None:
+        return None
+    places = surfaces.rows.astype(np.intp) * values.shape[1] + surfaces.columns
     return surfaces.select(~np.isin(places, light.pixels))
 
 
