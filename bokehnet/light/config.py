@@ -63,8 +63,8 @@ class LightConfig:
         lamp_radius_px: The same, pixels.
         lamp_fill: Minimum clipped fraction of a lamp, and the fraction from which it is one.
         lamp_surround: Mean light of the surroundings up to which a lamp is one, and from which it is not.
-        max_depth_span: Nearness above that of a lamp from which a bright pixel belongs to something in front
-            of it, fraction of the range of the map.
+        max_depth_span: Maximum difference of the nearness of a lamp's pixels to that of its middle, and of
+            its halo above it, fraction of the range of the map.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.

@@ -28,9 +28,9 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     if not weight.any():
         return used
     neighbors = _clipped_neighbors(picture, regions)
-    core = _core_nearness(picture, regions, neighbors)
-    halo = _Halo.of(picture, regions, area, core)
     nearness = picture.relative_nearness(*at)
+    core = _core_nearness(picture, regions, neighbors, nearness)
+    halo = _Halo.of(picture, regions, area, core)
     is_lamp = np.abs(nearness - core[regions.labels]) <= config.max_depth_span
     stored = np.stack([regions.sums(picture.image[(*at, c)] / picture.level) for c in range(3)], -1)
     is_clipped = np.stack([regions.sums(picture.image[(*at, c)] >= picture.level) > 0 for c in range(3)], -1)
@@ -118,7 +118,9 @@ def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask
     return float(ramp(sharpness(above), config.glint_sharpness))
 
 
-def _core_nearness(picture: BrightPicture, regions: Components, neighbors: Floats) -> Floats:
+def _core_nearness(
+    picture: BrightPicture, regions: Components, neighbors: Floats, nearness: Floats
+) -> Floats:
     """Return the relative nearness of the middle of each region, (regions,).
 
     The middle is the clipped pixel with most clipped neighbours, the nearest of several: what surrounds a
@@ -128,12 +130,12 @@ def _core_nearness(picture: BrightPicture, regions: Components, neighbors: Float
         picture: Picture.
         regions: Bright regions.
         neighbors: Clipped pixels among the 3x3 around each pixel, (N,).
+        nearness: Relative nearness of each pixel, (N,).
     """
     core = np.flatnonzero(picture.highest[regions.rows, regions.columns] >= picture.level)
-    nearness = picture.relative_nearness(regions.rows[core], regions.columns[core])
-    order = core[np.lexsort((nearness, neighbors[core], regions.labels[core]))]
+    order = core[np.lexsort((nearness[core], neighbors[core], regions.labels[core]))]
     result = np.zeros(regions.count)
-    result[regions.labels[order]] = picture.relative_nearness(regions.rows[order], regions.columns[order])
+    result[regions.labels[order]] = nearness[order]  # the last of each region stays
     return result
 
 
