@@ -33,6 +33,6 @@ def test_every_hostile_file_ends_in_a_line(shared, tmp_path):
 
 
 def test_mutated_files_end_in_a_line(tmp_path):
-    """Half a minute; ``python -m tests.fuzz --minutes 480`` is a night."""
-    code, lines = fuzz("--minutes", 0.5, "--found", tmp_path / "found")
+    """A quarter of a minute; ``python -m tests.fuzz --minutes 480`` is a night."""
+    code, lines = fuzz("--minutes", 0.25, "--found", tmp_path / "found")
     assert code == 0, lines[-4000:]

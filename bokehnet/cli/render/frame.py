@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from bokehnet.cli.progress import stages, write_above
 from bokehnet.cli.render.checks import check_job, picture_header
-from bokehnet.cli.render.large_blur import confirm_large_blur
+from bokehnet.cli.render.large_blur import confirm_large_blur, is_large_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
@@ -261,6 +261,9 @@ def render_frame(
         scenes = [read_scene(job.image, job.settings, source=source, number=job.number, progress=report)]
         check_output(job.output, job.settings.output, scenes[0].frame)
         times.append(perf_counter())
+        if warn and is_large_blur(job.settings, scenes[0]):
+            _confirm(renderer.prepare(scenes[0], _unrepaired(job.settings)), job.settings)
+            warn = False
         report = begin("depth")
         focused = renderer.prepare(job.shot.lit(scenes.pop()), job.settings, report, plan=job.shot.plan)
     times.append(perf_counter())
@@ -291,17 +294,27 @@ def _confirming(report: Progress, focused: FocusedScene, settings: RenderSetting
 
     Its first call follows all checks of the engine.
     """
-    width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
-    radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
     pending = [True]
 
     def confirmed(done: int, total: int) -> None:
         if pending:
             pending.clear()
-            confirm_large_blur(settings, width, height, radius)
+            _confirm(focused, settings)
         report(done, total)
 
     return confirmed
+
+
+def _confirm(focused: FocusedScene, settings: RenderSettings) -> None:
+    """See :func:`confirm_large_blur`."""
+    width, height = (side // focused.supersampled for side in focused.image.shape[1::-1])
+    radius = float(max(focused.defocus.max(), -focused.defocus.min())) / focused.supersampled
+    confirm_large_blur(settings, width, height, radius)
+
+
+def _unrepaired(settings: RenderSettings) -> RenderSettings:
+    """Return settings that focus a scene at once, without estimates of its depth and light."""
+    return settings.updated({"depth": {"repair": "off"}, "highlights": {"threshold": "off", "gain": None}})
 
 
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:

@@ -8,9 +8,10 @@ import click
 
 from bokehnet.cli.progress import write_above
 from bokehnet.engine_registry import DEFAULT_ENGINE
+from bokehnet.scene.scene import Scene
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["confirm_large_blur", "expected_seconds", "large_blur_notice"]
+__all__ = ["confirm_large_blur", "expected_seconds", "is_large_blur", "large_blur_notice"]
 
 # Blur radius, relative to the width, and time, s, above which a render is worth a question.
 _LARGE_BLUR, _LONG_SECONDS = 0.15, 10.0
@@ -43,6 +44,12 @@ def confirm_large_blur(settings: RenderSettings, width: int, height: int, radius
     is_long = expected_seconds(engine, width, height, radius) > _LONG_SECONDS
     if is_long and sys.stdin.isatty() and sys.stderr.isatty():
         click.confirm("Continue?", err=True, default=True, abort=True)
+
+
+def is_large_blur(settings: RenderSettings, scene: Scene) -> bool:
+    """Return True if the requested blur exceeds 15 % of the width, which is known before the depth repair."""
+    width = scene.image.shape[1] // scene.supersampled
+    return (settings.camera.blur or 0.0) > _LARGE_BLUR * width
 
 
 def expected_seconds(engine: str, width: int, height: int, radius: float) -> float:

@@ -6,6 +6,7 @@ discs that move in opposite directions leave the same lens-shaped aperture as on
 centred on the pupil: the blur discs of the slider have the same shape, but are shifted.
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,11 +34,17 @@ def nearest_cats_eye(vignetting_apertures: Sequence[tuple[float, float]]) -> tup
     pupil = disc_from_square(np.stack([halton(_RAYS, 2), halton(_RAYS, 3)], -1))
     field = np.sqrt((np.arange(_FIELDS) + 0.5) / _FIELDS)  # equal areas
     sliders = np.linspace(0, _MAX_CATS_EYE, _STEPS)
-    open_by_slider = np.array(
-        [np.mean([_open(pupil, h, [(slider, 1.0)]).mean() for h in field]) for slider in sliders]
-    )
-    open_fraction = float(np.mean([_open(pupil, h, vignetting_apertures).mean() for h in field]))
-    best = float(np.interp(-open_fraction, -open_by_slider, sliders))
+
+    def open_fraction(discs: Sequence[tuple[float, float]]) -> float:
+        return float(np.mean([_open(pupil, h, discs).mean() for h in field]))
+
+    def closed_by(slider: float) -> float:
+        return -open_fraction([(slider, 1.0)])
+
+    target = -open_fraction(vignetting_apertures)
+    above = max(1, min(bisect_left(sliders, target, key=closed_by), _STEPS - 1))
+    nearest = sliders[above - 1 : above + 1]
+    best = float(np.interp(target, [closed_by(slider) for slider in nearest], nearest))
     different_area, total_area = 0.0, 0.0
     for h in field:
         apertures = []

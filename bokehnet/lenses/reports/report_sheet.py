@@ -45,8 +45,8 @@ _NAMES = ("middle", "0.7 of the field", "corner")
 _PLANES = (-4, -2, 0, 2, 4)
 # Blur radius of the bokeh sheet, and minimum blur radius behind focus, percent of the half-diagonal.
 _MAX_BLUR, _MIN_BLUR = 4.0, 0.5
-# Number of cells along each side of a bokeh image, and number of wavelengths.
-_CELLS, _WAVELENGTHS = 81, 12
+# Number of cells along each side of a bokeh image, of wavelengths, and of rays per wavelength.
+_CELLS, _WAVELENGTHS, _RAYS = 81, 12, 8000
 
 
 def lens_curves(lens: PrescriptionLens) -> dict[str, Any]:
@@ -87,13 +87,10 @@ def _through_focus(lens: PrescriptionLens, field: float) -> dict[str, Any]:
     """Return root mean square radii of spots in planes behind the sensor, mm, over the lines F, d and C."""
     planes = np.arange(-4, 5) * _plane_step(lens)
     pupil = 1.5 * disc_from_square(np.stack([halton(900, 2), halton(900, 3)], -1))
+    bundles = [field_rays(lens, field, pupil, wavelength) for wavelength, _ in _LINES]
     radii = []
     for plane in planes:
-        points = []
-        for wavelength, _ in _LINES:
-            rays = field_rays(lens, field, pupil, wavelength)
-            points.append((rays.place + plane * rays.slope)[rays.passes])
-        all_points = np.concatenate(points)
+        all_points = np.concatenate([(rays.place + plane * rays.slope)[rays.passes] for rays in bundles])
         radii.append(np.sqrt(((all_points - all_points.mean(0)) ** 2).sum(1).mean()))
     return {"planes": planes, "rms_radius": radii}
 
@@ -415,7 +412,7 @@ def _draw_bokeh(part: Any, lens: PrescriptionLens) -> None:
                     colors=colors,
                     pitch=max(2.8 * abs(blur), 2.5) / 100 * half / _CELLS,
                     size=_CELLS,
-                    rays=8000,
+                    rays=_RAYS,
                 ),
                 depth=depth,
                 field=(field, 0.0),

@@ -84,6 +84,7 @@ def test_methods_that_know_only_discs_render_discs():
 
 
 def test_scenes_that_are_not_there_are_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("benchmarks.experiments.edges.pan._TRUTH", 4)
     monkeypatch.setattr("sys.argv", ["theses", str(tmp_path), "--engine", "rectangle"])
     theses.main()
     message = capsys.readouterr().out

@@ -3,9 +3,12 @@
 ``bokehnet render`` and ``trace`` have tests of a true signal beside those of their own; training too.
 """
 
+from functools import partial
 from pathlib import Path
 
 import pytest
+
+from bokehnet.tools import psf_sheet
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -32,6 +35,9 @@ EXTRAS = {"export": "onnx", "trace": "torch"}
 def words(folder, request):
     if request.param in EXTRAS:
         pytest.importorskip(EXTRAS[request.param], reason="needs the extra train")
+    if request.param == "lens":
+        few = partial(psf_sheet.psf_pairs, rays=500)
+        request.getfixturevalue("monkeypatch").setattr(psf_sheet, "psf_pairs", few)
     if request.param == "depth":
         request.getfixturevalue("write_red_network")(folder)
     return COMMANDS[request.param]

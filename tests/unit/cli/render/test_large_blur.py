@@ -4,6 +4,8 @@ import pytest
 
 from bokehnet.cli.render import large_blur
 from bokehnet.cli.render.large_blur import expected_seconds, large_blur_notice
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.errors import BokehnetError
 
 WORDS = (
     "render",
@@ -34,6 +36,16 @@ def test_a_large_blur_warns_without_a_terminal(folder, cli):
     assert "blur up to 60 px, 94 % of the width: expect about 1 s" in outcome.err
     assert cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png", "-q").err == ""
     assert "expect about" not in cli(*WORDS, "--blur", 9, "--focus", 0.4, "-o", "out.png").err
+
+
+def test_a_large_blur_warns_before_the_repair(folder, cli, monkeypatch):
+    def refuse(*_, **__):
+        raise BokehnetError("repairing")
+
+    monkeypatch.setattr(DisparityRepair, "repair", refuse)
+    outcome = cli(*WORDS[:-1], "on", "--blur", 100, "--focus", 0.4, "-o", "out.png")
+    assert outcome.code == 1
+    assert "expect about" in outcome.err.split("repairing")[0]
 
 
 @pytest.mark.parametrize(("answer", "code"), [("n\n", 130), ("y\n", 0)])

@@ -11,8 +11,9 @@ from torch.utils.data import DataLoader
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.run.test_resume import wait_for
-from tests.unit.train.runs import arguments, finish, start
+from tests.unit.train.runs import ROOT, arguments, finish, start
 from tests.unit.train.toy_run import Pairs
+from train.recipe_steps.jobs import call
 from train.run.distributed import Processes, joined
 
 CPU = torch.device("cpu")
@@ -150,12 +151,13 @@ def test_a_mistake_ends_both_with_its_line(tmp_path):
 
 
 @pytest.mark.train
-def test_arnet_trains_on_two_processes_as_on_one(tiny_prepared, tmp_path):
-    """The real thing; its loss is a mean over the examples too."""
+def test_arnet_trains_on_two_processes_as_on_one(tiny_prepared, tmp_path, monkeypatch):
+    """The real thing, as a recipe calls it; its loss is a mean over the examples too."""
+    monkeypatch.chdir(ROOT)
     values = {"data.batch_size": 4, "optim.log_every": 1}
     line = arguments("arnet", tiny_prepared, tmp_path / "one", 8, **values)
     finish(line)
-    finish(twice(arguments("arnet", tiny_prepared, tmp_path / "two", 8, **values)))
+    call(["python", *arguments("arnet", tiny_prepared, tmp_path / "two", 8, **values)[1:]], processes=2)
     one, two = curve(tmp_path / "one", "loss/sum"), curve(tmp_path / "two", "loss/sum")
     assert len(one) == len(two) == 8
     apart = (two / one - 1).abs()
