@@ -16,9 +16,19 @@ __all__ = ["write_figures"]
 
 
 def _commit() -> str:
-    """Return the short name of the commit, with ``+`` where files differ from it; empty outside git."""
-    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
-    done = subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    """Return the short name of the commit, with ``+`` where other files than figures differ from it.
+
+    Empty outside git.
+    """
+    folder = Path(__file__).parent.parent
+    name = _git(folder, "rev-parse", "--short=8", "HEAD")
+    changed = _git(folder, "status", "--porcelain", "--untracked-files=no", ".", ":!docs/figures")
+    return name + "+" * bool(name and changed)
+
+
+def _git(folder: Path, *words: str) -> str:
+    """Return the output of git; empty if it fails."""
+    done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=False)
     return done.stdout.strip() if done.returncode == 0 else ""
 
 

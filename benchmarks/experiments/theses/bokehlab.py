@@ -268,7 +268,7 @@ def report(
         print(f"\n{name}: {conditions}")
         for label, row in rows.items():
             cells = [f"{title} {format(row[key], form)}" for key, (title, form) in columns.items()]
-            print(f"  {label:24s}" + "  ".join(cells), flush=True)
+            print(f"  {label:28s} " + "  ".join(cells), flush=True)
         if arguments.figures:
             write_figures(arguments.figures / f"{name}.json", command, conditions, columns, rows)
 
