@@ -35,7 +35,7 @@ OptionValues = dict[str, dict[str, Any]]
 COMMON_OPTIONS = {
     "output": "Output file. Default: photo_bokeh.jpg for photo.jpg.",
     "disparity": "Disparity map: bright is near.",
-    "depth": "Depth map in metres, EXR.",
+    "depth": "Depth map: EXR in metres, or --depth-unit.",
     "depth-model": "Network that estimates the depth.",
     "focus-at": "Pixel in focus. Default: the subject.",
     "focus": "Disparity in focus, 0 (far) to 1 (near).",

@@ -85,6 +85,8 @@ class SectionedCommand(click.Command):
             return super().parse_args(ctx, args)
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
+            if "extra argument" in error.message and self.group_of("--disparity"):
+                error.message = f"{error.message.rstrip('.')}; a map needs --disparity or --depth before it"
             raise
 
     def sections(self) -> dict[str, str]:

@@ -95,15 +95,16 @@ def translate_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
 
 
 @njit(cache=True, parallel=True)
-def _bilateral(colors, disparity, radius, color_sigma, deviation, result):  # type: ignore[no-untyped-def]
-    """Fill ``result`` with bilateral means; ``deviation`` is the standard deviation of disparities."""
+def _bilateral(colors, disparity, radius, spacing, color_sigma, deviation, result):  # type: ignore[no-untyped-def]
+    """Fill ``result`` with bilateral means; arguments as for :func:`joint_bilateral`."""
     height, width = disparity.shape
     color_factor, disparity_factor = -0.5 / color_sigma**2, -0.5 / deviation**2
     for y in prange(height):
         for x in range(width):
             centre, total, weights = disparity[y, x], 0.0, 0.0
-            for v in range(max(0, y - radius), min(height, y + radius + 1)):
-                for u in range(max(0, x - radius), min(width, x + radius + 1)):
+            top, left = y - spacing * min(radius, y // spacing), x - spacing * min(radius, x // spacing)
+            for v in range(top, min(height, y + spacing * radius + 1), spacing):
+                for u in range(left, min(width, x + spacing * radius + 1), spacing):
                     distance_squared = 0.0
                     for c in range(3):
                         distance_squared += (colors[v, u, c] - colors[y, x, c]) ** 2
@@ -115,23 +116,31 @@ def _bilateral(colors, disparity, radius, color_sigma, deviation, result):  # ty
 
 
 def joint_bilateral(
-    colors: np.ndarray, disparity: np.ndarray, radius: int, color_sigma: float, deviation: float
+    colors: np.ndarray,
+    disparity: np.ndarray,
+    radius: int,
+    color_sigma: float,
+    deviation: float,
+    spacing: int = 1,
 ) -> np.ndarray:
     """Return the mean of each window, weighted by the similarity of colour and disparity, (H, W) float32.
 
     Args:
         colors: Encoded picture, (H, W, 3).
         disparity: Map, (H, W), float32, any unit.
-        radius: Half width of the window, pixels.
+        radius: Half width of the window, in samples.
         color_sigma: Standard deviation of encoded colours, Euclidean distance of three channels.
         deviation: Standard deviation of disparities, in the unit of the map.
+        spacing: Distance of samples of the window, pixels.
 
     Source:
-        Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV 1998.
+        Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV 1998. Windows with spacing:
+        Dammertz, Sewtz, Hanika and Lensch, "Edge-avoiding à-trous wavelet transform for fast global
+        illumination filtering", HPG 2010.
     """
     result = np.empty_like(disparity)
     with parallel_region:
-        _bilateral(colors, disparity, radius, color_sigma, deviation, result)
+        _bilateral(colors, disparity, radius, spacing, color_sigma, deviation, result)
     return result
 
 

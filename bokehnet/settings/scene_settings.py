@@ -109,12 +109,13 @@ class InputSettings(Group):
     )
 
     disparity: Path | None = setting(
-        None, "Disparity map: bright is near. Its values are normalised to 0..1, 1 being nearest."
+        None,
+        "Disparity map: bright is near, else --invert. Its values are normalised to 0..1, 1 being nearest.",
     )
     depth: Path | None = setting(
         None,
-        "Depth map with metric depth, EXR. Default without any depth source: the depth map stored in the "
-        "picture's file, as phones write it.",
+        "Depth map with metric depth: EXR in metres, or any file with --depth-unit. Default without any "
+        "depth source: the depth map stored in the picture's file, as phones write it.",
     )
     layers: Path | None = setting(
         None,

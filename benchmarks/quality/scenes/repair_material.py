@@ -411,6 +411,12 @@ def random_map(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(np.digitize(smooth / smooth.std(), [-0.7, 0, 0.9]) / 3, np.float32)
 
 
+def with_shared_noise(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the exact map with noise of 1.5 % of its range that 5x5 pixels share, as in stereo matching."""
+    noise = 5 * uniform_filter(rng.standard_normal(scene.disparity.shape), 5)
+    return (scene.disparity + 0.015 * np.ptp(scene.disparity) * noise).astype(np.float32)
+
+
 ESTIMATORS: Mapping[str, Estimator] = {
     "exact": exact,
     "8 bits": eight_bit,
@@ -422,5 +428,6 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "time of flight": time_of_flight,
     "missing bands": with_missing_band,
     "outliers": with_outliers,
+    "shared noise": with_shared_noise,
     "random": random_map,
 }

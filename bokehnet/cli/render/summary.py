@@ -16,9 +16,13 @@ from bokehnet.sequence.shot import Shot
 __all__ = ["FrameSummary", "SummaryPrinter", "assumed"]
 
 
+# Options against assumptions that a picture may not show to be wrong.
+_OPTIONS_AGAINST = {"bright is near": " (--invert if not)"}
+
+
 def assumed(assumptions: Sequence[str]) -> str:
     """Return the end of a summary line that names what neither settings nor files define."""
-    words = "; ".join(with_option_names(text) for text in assumptions)
+    words = "; ".join(with_option_names(text) + _OPTIONS_AGAINST.get(text, "") for text in assumptions)
     return f"; assumed: {words}" if words else ""
 
 

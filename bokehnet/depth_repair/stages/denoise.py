@@ -1,9 +1,11 @@
-"""Noise of a map, as from sensors and renders with few samples: removal.
+"""Noise and wrong single pixels of a map, as from sensors, stereo and renders with few samples: removal.
 
 Noise makes blur radii uneven and, if it is as high as depth edges, creates false edges.
 
 Method: joint bilateral filter (Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV
-1998) in two passes; the second one assumes half the noise. Depth edges and colour edges are not smoothed.
+1998) in three passes whose windows shrink and which assume less and less noise: errors of stereo matching
+are shared by the pixels of a window, so that near samples do not average them. Depth edges and colour edges
+are not smoothed.
 
 In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit. Out: the map in the same unit.
 """
@@ -13,11 +15,16 @@ import numpy as np
 from bokehnet.depth_repair.filters import joint_bilateral
 from bokehnet.optics.encoding import encode
 
-__all__ = ["denoise_map"]
+__all__ = ["denoise_map", "without_outliers"]
 
-# Half width of the window, pixels; standard deviation of encoded colours; standard deviations of disparities
-# in each pass, in standard deviations of the noise.
-_RADIUS_PX, _COLOR_SIGMA, _DISPARITY_SIGMAS = 3, 0.06, (2.5, 1.25)
+# For each pass: half width of the window in samples, their distance in pixels, and standard deviation of
+# disparities in standard deviations of the noise. Standard deviation of encoded colours.
+_PASSES = ((3, 4, 2.5), (3, 2, 1.5), (2, 1, 1.0))
+_COLOR_SIGMA = 0.06
+
+# Half width of the window around a wrong pixel; its range as a fraction of the least error; and fraction of
+# the pixels above which such pixels are the content of the map.
+_WINDOW_PX, _MAX_RANGE, _MAX_OUTLIERS = 2, 0.5, 0.01
 
 
 def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> np.ndarray:
@@ -29,6 +36,48 @@ def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> n
         deviation: Standard deviation of the noise, in the unit of the map.
     """
     colors = np.asarray(encode(image), np.float32)
-    for sigma in _DISPARITY_SIGMAS:
-        disparity = joint_bilateral(colors, disparity, _RADIUS_PX, _COLOR_SIGMA, sigma * deviation)
+    for radius, spacing, sigmas in _PASSES:
+        disparity = joint_bilateral(
+            colors, disparity, radius, _COLOR_SIGMA, sigmas * deviation, spacing=spacing
+        )
     return disparity
+
+
+def without_outliers(image: np.ndarray, disparity: np.ndarray, min_error: float) -> np.ndarray:
+    """Return the map without wrong single pixels, (H, W) float32: the argument itself if there are none.
+
+    A pixel is wrong if it differs from an otherwise even window of 5x5 pixels, but its colour does not differ
+    from that of all its neighbours. It gets the value of the neighbour of the nearest colour.
+
+    Args:
+        image: All-in-focus picture, scene-linear, not negative, (H, W, 3).
+        disparity: Map, (H, W), float32, any unit.
+        min_error: Least error of a wrong pixel, in the unit of the map.
+    """
+    size = _WINDOW_PX
+    if min(disparity.shape) <= 2 * size:
+        return disparity
+    inner = disparity[size:-size, size:-size]
+    differs = np.ones(inner.shape, bool)
+    for axis in (0, 1):
+        step = np.abs(np.diff(disparity, axis=axis)) > min_error
+        lines = [slice(size, -size)] * 2
+        for first in (size - 1, size):
+            lines[axis] = slice(first, first + inner.shape[axis])
+            differs &= step[tuple(lines)]
+    y, x = (places[:, None] + size for places in np.nonzero(differs))
+    if not 0 < len(y) <= _MAX_OUTLIERS * disparity.size:
+        return disparity
+    down, right = (part.ravel() - size for part in np.indices((2 * size + 1, 2 * size + 1)))
+    others = (down != 0) | (right != 0)
+    around = disparity[y + down[others], x + right[others]]
+    is_even = np.ptp(around, axis=1) < _MAX_RANGE * min_error
+    y, x = y[is_even], x[is_even]
+    near = others & (np.maximum(abs(down), abs(right)) == 1)
+    rows, columns = y + down[near], x + right[near]
+    distance = np.linalg.norm(encode(image[rows, columns]) - encode(image[y, x]), axis=-1)
+    nearest = distance.argmin(1)
+    alike = np.flatnonzero(distance.min(1) < _COLOR_SIGMA)
+    result = disparity.copy()
+    result[y[alike, 0], x[alike, 0]] = disparity[rows, columns][alike, nearest[alike]]
+    return result

@@ -164,7 +164,8 @@ def _network_remedy() -> str:
     if model is None:
         return "`input.depth_model` estimates it with a network"
     command = f"`bokehnet models {model.name} --get`"
-    return f"{command} downloads a network that estimates it ({model.size}, licence {model.licence})"
+    licence = f"{model.size}, licence {model.licence}"
+    return f"{command} downloads a network that estimates it ({licence}); `bokehnet studio` can paint it"
 
 
 def _rescaled(embedded: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:

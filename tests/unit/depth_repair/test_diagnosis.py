@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.ndimage import gaussian_filter, minimum_filter
+from scipy.ndimage import gaussian_filter, minimum_filter, uniform_filter
 
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.diagnosis import noise_level
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages.denoise import denoise_map
+from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
 from bokehnet.optics.encoding import encode
 
 
@@ -55,19 +55,55 @@ def test_the_level_of_small_and_constant_maps_is_zero(shape):
     assert noise_level(np.full((64, 64), 0.5, np.float32)) == 0
 
 
-def test_denoising_equals_two_joint_bilateral_filters():
+@pytest.mark.parametrize("deviation", [0.01, 0.03])
+def test_errors_that_neighbours_share_are_noise(deviation):
+    """Authority: the deviation of the noise, the mean of 5x5 normal deviates, within a quarter of it."""
+    noise = 5 * uniform_filter(np.random.default_rng(0).standard_normal((480, 672)), 5)
+    noisy = np.kron(scene()[1], np.ones((3, 3))) + deviation * noise
+    assert_allclose(noise_level(noisy) * np.ptp(noisy), deviation, rtol=0.25)
+
+
+def test_a_net_over_half_of_the_picture_is_not_noise():
+    y, x = np.mgrid[:160, :224]
+    net = np.where((x % 8 < 2) | (y % 8 < 2), 0.5, 0.3) + 0.001 * x
+    net[:, 112:] = 0.2
+    assert noise_level(net) < RepairConfig().noise_range[0]
+
+
+def test_denoising_equals_three_joint_bilateral_filters():
     """Oracle: the formula of the docstring, window by window."""
     rng = np.random.default_rng(0)
     image, disparity = rng.random((9, 11, 3), np.float32), rng.random((9, 11), np.float32)
     colors, expected = encode(image).astype(np.float64), disparity.astype(np.float64)
-    for deviation in (0.25, 0.125):
+    for deviation, radius, step in ((0.25, 3, 4), (0.15, 3, 2), (0.1, 2, 1)):
         previous, expected = expected, np.empty_like(expected)
         for y, x in np.ndindex(previous.shape):
-            window = slice(max(0, y - 3), y + 4), slice(max(0, x - 3), x + 4)
+            places = (np.arange(-radius, radius + 1) * step + place for place in (y, x))
+            window = np.ix_(*(a[(a >= 0) & (a < n)] for a, n in zip(places, previous.shape, strict=True)))
             color_distance = ((colors[window] - colors[y, x]) ** 2).sum(-1) / 0.06**2
             weight = np.exp(-0.5 * (color_distance + ((previous[window] - previous[y, x]) / deviation) ** 2))
             expected[y, x] = (weight * previous[window]).sum() / weight.sum()
     assert_allclose(denoise_map(image, disparity, 0.1), expected, atol=1e-5)
+
+
+def test_wrong_single_pixels_take_the_value_of_their_neighbours():
+    """Authority: the map without them; a lamp of one pixel, of a colour of its own, stays."""
+    image, disparity = scene()
+    wrong = disparity.copy()
+    wrong[5::16, 3::16] = 0.5
+    result = without_outliers(image, wrong, 0.05)
+    assert (np.abs(result - disparity) > 0.01).mean() < 0.2 * (np.abs(wrong - disparity) > 0.01).mean()
+    lamp, near = image.copy(), disparity.copy()
+    lamp[2, 60], near[2, 60] = 1, 0.5
+    assert without_outliers(lamp, near, 0.05)[2, 60] == np.float32(0.5)
+
+
+def test_nets_and_accurate_maps_have_no_outliers():
+    image, disparity = scene()
+    assert without_outliers(image, disparity, 0.05) is disparity
+    y, x = np.mgrid[:160, :224]
+    net = np.where((x % 3 == 0) & (y % 3 == 0), 0.9, 0.1).astype(np.float32)
+    assert without_outliers(image, net, 0.05) is net
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.03])

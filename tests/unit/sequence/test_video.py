@@ -478,7 +478,7 @@ def test_what_was_filled_before_the_filter_over_time_stands_in_the_summary(tmp_p
     assert run(words) == 0
     error = capsys.readouterr().err
     assert "maps.mkv: frame 1: no data at 168 pixels" in error
-    assert "assumed: bright is near; 11 % of the map without data filled" in error
+    assert "assumed: bright is near (--invert if not); 11 % of the map without data filled" in error
     (tmp_path / "out.mkv").unlink()
     assert run([*words, "--holes", "error"]) == 1
     error = capsys.readouterr().err

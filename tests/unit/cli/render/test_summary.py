@@ -22,7 +22,7 @@ def test_one_line_names_size_engine_focus_blur_repair_and_time(folder, cli):
     assert (outcome.code, outcome.out) == (0, "")
     message = (
         r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, "
-        r"map unchanged, \d+\.\d s; assumed: bright is near\n"
+        r"map unchanged, \d+\.\d s; assumed: bright is near \(--invert if not\)\n"
     )
     assert re.fullmatch(message, outcome.err)
 

@@ -90,7 +90,9 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
     existing = r"1 exist already \(--overwrite renders them again\)"
-    line = rf"bokehnet: 3 frames rendered, {existing}, \d+\.\d s; assumed: bright is near\n"
+    line = (
+        rf"bokehnet: 3 frames rendered, {existing}, \d+\.\d s; assumed: bright is near \(--invert if not\)\n"
+    )
     assert re.fullmatch(line, outcome.err)
     assert (shot / "out.0002.png").read_bytes() == older
     assert len(outputs(shot)) == 4
