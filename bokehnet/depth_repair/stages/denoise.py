@@ -3,9 +3,9 @@
 Noise makes blur radii uneven and, if it is as high as depth edges, creates false edges.
 
 Method: joint bilateral filter (Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV
-1998) in three passes whose windows shrink and which assume less and less noise: errors of stereo matching
-are shared by the pixels of a window, so that near samples do not average them. Depth edges and colour edges
-are not smoothed.
+1998) in two passes, the first with distant samples: errors of stereo matching are shared by the pixels of a
+window, so that near samples do not average them. The second pass assumes less noise. Depth edges and colour
+edges are not smoothed.
 
 In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit. Out: the map in the same unit.
 """
@@ -19,12 +19,12 @@ __all__ = ["denoise_map", "without_outliers"]
 
 # For each pass: half width of the window in samples, their distance in pixels, and standard deviation of
 # disparities in standard deviations of the noise. Standard deviation of encoded colours.
-_PASSES = ((3, 4, 2.5), (3, 2, 1.5), (2, 1, 1.0))
+_PASSES = ((3, 3, 2.0), (3, 1, 1.25))
 _COLOR_SIGMA = 0.06
 
-# Half width of the window around a wrong pixel; its range as a fraction of the least error; and fraction of
-# the pixels above which such pixels are the content of the map.
-_WINDOW_PX, _MAX_RANGE, _MAX_OUTLIERS = 2, 0.5, 0.01
+# Half width of the window around a wrong pixel; its range as a fraction of the least error; and bounds of the
+# fraction of such pixels: exact maps have up to 0.0003, and above the upper bound they are the content.
+_WINDOW_PX, _MAX_RANGE, _MIN_OUTLIERS, _MAX_OUTLIERS = 2, 0.5, 0.0005, 0.01
 
 
 def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def without_outliers(image: np.ndarray, disparity: np.ndarray, min_error: float)
             lines[axis] = slice(first, first + inner.shape[axis])
             differs &= step[tuple(lines)]
     y, x = (places[:, None] + size for places in np.nonzero(differs))
-    if not 0 < len(y) <= _MAX_OUTLIERS * disparity.size:
+    if not _MIN_OUTLIERS <= len(y) / disparity.size <= _MAX_OUTLIERS:
         return disparity
     down, right = (part.ravel() - size for part in np.indices((2 * size + 1, 2 * size + 1)))
     others = (down != 0) | (right != 0)
@@ -78,6 +78,8 @@ def without_outliers(image: np.ndarray, disparity: np.ndarray, min_error: float)
     distance = np.linalg.norm(encode(image[rows, columns]) - encode(image[y, x]), axis=-1)
     nearest = distance.argmin(1)
     alike = np.flatnonzero(distance.min(1) < _COLOR_SIGMA)
+    if len(alike) < _MIN_OUTLIERS * disparity.size:
+        return disparity
     result = disparity.copy()
     result[y[alike, 0], x[alike, 0]] = disparity[rows, columns][alike, nearest[alike]]
     return result
