@@ -86,7 +86,8 @@ class SectionedCommand(click.Command):
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
             if "extra argument" in error.message and self.group_of("--disparity"):
-                error.message = f"{error.message.rstrip('.')}; a map needs --disparity or --depth before it"
+                hint = f"{error.message.rstrip('.')}; a map needs --disparity or --depth before it"
+                raise click.UsageError(hint, error.ctx) from error
             raise
 
     def sections(self) -> dict[str, str]:

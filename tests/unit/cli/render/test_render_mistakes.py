@@ -24,6 +24,7 @@ ALL = [*MAP, *SIZES]
         ([*PHOTO, "--disparity", "missing.png", *SIZES], ["missing.png: no such file"]),
         (["render", "missing.jpg", *ALL[2:]], ["missing.jpg: no such file"]),
         ([*PHOTO, "--depth", "missing.exr", *LENS], ["missing.exr: no such file"]),
+        ([*PHOTO, "disparity.png"], ["extra argument (disparity.png); a map needs --disparity or --depth"]),
         ([*PHOTO, *SIZES], ["expected one of --disparity and --depth", "neither", "has no depth map"]),
         ([*ALL, "--depth", "camera.exr"], ["expected one of --disparity and --depth", "both"]),
         ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
