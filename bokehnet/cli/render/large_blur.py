@@ -47,9 +47,13 @@ def confirm_large_blur(settings: RenderSettings, width: int, height: int, radius
 
 
 def is_large_blur(settings: RenderSettings, scene: Scene) -> bool:
-    """Return True if the requested blur exceeds 15 % of the width, which is known before the depth repair."""
-    width = scene.image.shape[1] // scene.supersampled
-    return (settings.camera.blur or 0.0) > _LARGE_BLUR * width
+    """Return True if the requested blur exceeds 15 % of the width, which is known before the depth repair.
+
+    The largest blur radius of a tilted plane of focus is not: the engine may refuse its slope.
+    """
+    focus, width = settings.focus, scene.image.shape[1] // scene.supersampled
+    is_tilted = focus.plane is not None or focus.tilt_x != 0 or focus.tilt_y != 0
+    return not is_tilted and (settings.camera.blur or 0.0) > _LARGE_BLUR * width
 
 
 def expected_seconds(engine: str, width: int, height: int, radius: float) -> float:
