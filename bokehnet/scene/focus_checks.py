@@ -28,6 +28,13 @@ __all__ = [
 _RELATIVE = ("focus.value", "camera.blur")
 _METRIC = ("focus.distance", "camera.sensor_width")
 
+# Settings that take the place of those that do not apply.
+_INSTEAD = {
+    "focus.value": "set `focus.distance` or `focus.at`",
+    "focus.distance": "set `focus.value` or `focus.at`",
+    "camera.blur": "set `camera.f_number` or `camera.strength`",
+}
+
 
 def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
     """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
@@ -206,7 +213,8 @@ def check_kind(
         with errors.collect():
             if value is not None:
                 expected = f"nothing: it does not apply to {holder}{why}"
-                raise ParameterError(path, expected=expected, got=value, remedy="leave it out")
+                remedy = _INSTEAD.get(path, "leave it out")
+                raise ParameterError(path, expected=expected, got=value, remedy=remedy)
     with errors.collect():
         if complete and not metric and (camera.blur, camera.f_number) == (None, None):
             raise ParameterError(
