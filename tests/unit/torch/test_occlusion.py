@@ -111,7 +111,7 @@ def test_half_precision_is_computed_in_float32(dtype):
 @pytest.mark.slow
 def test_a_compiled_render_is_the_same():
     image, defocus = torch.rand(1, 3, 4, 5), torch.full((1, 1, 4, 5), 0.6)
-    compiled = torch.compile(lambda *inputs: layered(*inputs, samples=1), backend="eager")
+    compiled = torch.compile(lambda *inputs: layered(*inputs, samples=1), backend="aot_eager")
     torch.testing.assert_close(compiled(image, defocus), layered(image, defocus, samples=1))
 
 

@@ -74,6 +74,7 @@ def test_mistakes_are_one_line(tiny_prepared, tmp_path):
     other = error_of([*line, "--set", "optim.learning_rate=0.1"])
     assert "optim.learning_rate = 0.0005, but 0.1 was requested" in other
     assert other.count("\n") == 0
+    assert "unknown key 'optim.speed'; valid keys" in error_of([*line, "--set", "optim.speed=3"])
     missing = error_of(arguments("iunet", tiny_prepared, tmp_path / "i", 2, arnet='"nowhere.pt"'))
     assert "no checkpoint at nowhere.pt" in missing
     empty = arguments("arnet", tmp_path / "nothing", tmp_path / "b", 2)
