@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks.classical import BLUR, FOCUS
 from benchmarks.figures import write_figures
+from benchmarks.quality.scenes.repair_material import with_stereo_noise
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import write_map
 from bokehnet.io.maps import read_disparity
@@ -38,30 +39,7 @@ _PRESETS = (
 # Standard deviation of the noise, as a fraction of the range of the map.
 _DEVIATIONS = (0.005, 0.01, 0.02, 0.04)
 
-# Stereo matching: window over which neighbours share their error, steps of interpolated disparity over the
-# range, and fraction of pixels with a wrong match.
-_WINDOW_PX, _STEPS, _WRONG_MATCHES = 5, 512, 0.001
-
 PLAIN, CLEAN = "plain disc", "no noise"
-
-
-def stereo_noise(disparity: np.ndarray, deviation: float, seed: int = 0) -> np.ndarray:
-    """Return a map with the noise of stereo matching, (H, W) float32 in [0, 1].
-
-    Args:
-        disparity: Map without noise, (H, W) in [0, 1].
-        deviation: Standard deviation of the noise of correct matches, as a fraction of the range.
-        seed: Seed of the noise.
-    """
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal(disparity.shape).astype(np.float32)
-    for axis in (0, 1):
-        noise = sum(np.roll(noise, shift, axis) for shift in range(_WINDOW_PX)) / np.sqrt(_WINDOW_PX)
-    noisy = np.rint(_STEPS * (disparity + deviation * noise)) / _STEPS
-    is_wrong = rng.random(disparity.shape) < _WRONG_MATCHES
-    noisy[is_wrong] = rng.random(int(is_wrong.sum()))
-    result: np.ndarray = np.clip(noisy, 0, 1).astype(np.float32)
-    return result
 
 
 def _settings(disparity: Path) -> RenderSettings:
@@ -132,7 +110,7 @@ def noise_section(shared: Path, rounds: int) -> dict[str, dict[str, float]]:
         runs = {CLEAN: rendering(CLEAN, disparity)}
         for deviation in _DEVIATIONS:
             name = f"{100 * deviation:g} % of the range"
-            runs[name] = rendering(name, stereo_noise(disparity, deviation))
+            runs[name] = rendering(name, with_stereo_noise(disparity, np.random.default_rng(0), deviation))
         rows = _rows(_in_turns(runs, rounds), CLEAN)
     for name, picture in pictures.items():
         if name != CLEAN:

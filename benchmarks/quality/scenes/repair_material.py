@@ -52,6 +52,10 @@ _VIEWS, _MAX_PARALLAX_PX = 7, 12.0
 # Stereo: parallax of the nearest surface, pixels, and standard deviation of the noise of encoded pictures.
 _STEREO_PARALLAX_PX, _STEREO_NOISE = 40.0, 0.01
 
+# Noisy stereo maps: window over which neighbours share their error, steps of disparity over the range, and
+# fraction of pixels with a wrong match.
+_STEREO_WINDOW_PX, _STEREO_STEPS, _WRONG_MATCHES = 5, 512, 0.001
+
 _MIDDLE_GREY = 0.18
 
 
@@ -411,10 +415,26 @@ def random_map(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(np.digitize(smooth / smooth.std(), [-0.7, 0, 0.9]) / 3, np.float32)
 
 
-def with_shared_noise(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Return the exact map with noise of 1.5 % of its range that 5x5 pixels share, as in stereo matching."""
-    noise = 5 * uniform_filter(rng.standard_normal(scene.disparity.shape), 5)
-    return (scene.disparity + 0.015 * np.ptp(scene.disparity) * noise).astype(np.float32)
+def with_stereo_noise(disparity: np.ndarray, rng: np.random.Generator, deviation: float) -> np.ndarray:
+    """Return a map with the noise of stereo matching: shared by a window, in steps, with some wrong matches.
+
+    Args:
+        disparity: Map without noise, (H, W).
+        rng: Source of the noise.
+        deviation: Standard deviation of the noise of correct matches, as a fraction of the range of the map.
+    """
+    low, span = disparity.min(), max(np.ptp(disparity), 1e-9)
+    noise = _STEREO_WINDOW_PX * uniform_filter(rng.standard_normal(disparity.shape), _STEREO_WINDOW_PX)
+    noisy = np.rint(_STEREO_STEPS * ((disparity - low) / span + deviation * noise)) / _STEREO_STEPS
+    is_wrong = rng.random(disparity.shape) < _WRONG_MATCHES
+    noisy[is_wrong] = rng.random(int(is_wrong.sum()))
+    result: np.ndarray = (low + span * np.clip(noisy, 0, 1)).astype(np.float32)
+    return result
+
+
+def stereo_noise(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return the exact map with the noise of stereo matching, of 1.5 % of its range."""
+    return with_stereo_noise(scene.disparity, rng, 0.015)
 
 
 ESTIMATORS: Mapping[str, Estimator] = {
@@ -428,6 +448,6 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "time of flight": time_of_flight,
     "missing bands": with_missing_band,
     "outliers": with_outliers,
-    "shared noise": with_shared_noise,
+    "stereo noise": stereo_noise,
     "random": random_map,
 }
