@@ -6,7 +6,7 @@ Programs run in turns in one process; each row is the median of processor second
 
 megapixels: the photograph resampled, with a blur in proportion. radius: the photograph at its own size.
 SHARED holds ``real/21.jpg`` with its disparity ``21.png``. ``--figures FOLDER`` writes the tables of the
-documentation, ``--plots FOLDER`` their two plots.
+documentation; ``python -m benchmarks.plots`` plots them.
 """
 
 import argparse
@@ -98,32 +98,6 @@ def _columns() -> dict[str, tuple[str, str]]:
     }
 
 
-def write_plot(path: Path, axis: str, rows: dict[float, dict[str, float]]) -> None:
-    """Draw processor seconds over megapixels or radius, both logarithmic.
-
-    Args:
-        path: Picture file; its ending selects the format.
-        axis: Title of the horizontal axis.
-        rows: From the position on that axis to the seconds of the programs.
-    """
-    import matplotlib.pyplot as plt  # optional dependency
-
-    plt.rcParams["svg.hashsalt"] = "growth"
-    figure, axes = plt.subplots(figsize=(5, 3.5), layout="constrained")
-    for name, title in _TITLES.items():
-        points = [(at, row[name]) for at, row in sorted(rows.items()) if name in row]
-        if points:
-            axes.loglog(*zip(*points, strict=True), marker="o", label=title)
-    axes.set_xlabel(axis)
-    axes.set_ylabel("processor seconds")
-    axes.set_xticks(sorted(rows), labels=[f"{at:g}" for at in sorted(rows)], minor=False)
-    axes.set_xticks([], minor=True)
-    axes.grid(True, which="major", alpha=0.3)
-    axes.legend()
-    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
-    plt.close(figure)
-
-
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(
@@ -136,7 +110,6 @@ def main() -> None:
     parser.add_argument(
         "--figures", type=Path, help="folder for growth_megapixels.json and growth_radius.json"
     )
-    parser.add_argument("--plots", type=Path, help="folder for growth_megapixels.svg and growth_radius.svg")
     arguments = parser.parse_args()
     threads = min(2, numba.config.NUMBA_NUM_THREADS)
     blur_by_radius = 1 / max(FOCUS, 1 - FOCUS)
@@ -146,7 +119,6 @@ def main() -> None:
         },
         "radius": {radius: (_OWN_MEGAPIXELS, radius * blur_by_radius) for radius in arguments.radii},
     }
-    axes = {"megapixels": "megapixels, blur in proportion", "radius": "largest blur radius, pixels"}
     for section, positions in cases.items():
         rows: dict[float, dict[str, float]] = {}
         print(f"== {section}: processor seconds of {threads} threads, medians of {arguments.rounds} rounds")
@@ -168,8 +140,6 @@ def main() -> None:
                 *(arguments.figures / f"growth_{section}.json", _COMMAND, conditions, _columns()),
                 {names[at]: row for at, row in rows.items()},
             )
-        if arguments.plots and rows:
-            write_plot(arguments.plots / f"growth_{section}.svg", axes[section], rows)
 
 
 if __name__ == "__main__":

@@ -227,6 +227,8 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         aberrations = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
     except LensError as error:
         raise LensError(f"`lens.name`: {error}") from error
+    if settings.engine == "profile":
+        aberrations = aberrations.on_axis()
     return aberrations if tilt is None else aberrations + tilt
 
 

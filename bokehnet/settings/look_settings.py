@@ -144,6 +144,12 @@ class LensSettings(Group):
         "With --lens: aberrations traced through the glass (traced, default) or by third-order theory "
         "(seidel).",
     )
+    engine: Literal["map", "profile"] | None = setting(
+        None,
+        "With --lens: aberrations at every place of the picture (map, default), or those of the axis "
+        "everywhere (profile): no cat's-eye, coma or lateral colour.",
+        flag="lens-engine",
+    )
     f_number: float | None = setting(
         None,
         "With --lens: f-number to stop down to. Default: --f-number, else wide open.",
@@ -221,8 +227,12 @@ class LensSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        for name in ("aberrations", "distortion", "f_number", "copy_to_copy"):
+        for name in ("aberrations", "engine", "distortion", "f_number", "copy_to_copy"):
             check_needed(self, name, "name")
+        if self.engine == "profile" and self.distortion:
+            raise ParameterError(
+                "lens.distortion", "`lens.engine` map: a profile has no distortion", self.distortion
+            )
         check_needed(self, "copy_seed", "copy_to_copy")
         check_needed(self, "focusing", "name", "spherical")
 

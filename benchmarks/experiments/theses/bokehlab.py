@@ -1,9 +1,9 @@
 """Measurements of BokehLab (thesis 001, chapter 5): ``python -m benchmarks.experiments.theses.bokehlab``.
 
-5.1, figure 5.3: time of views and of image-based rays over the triangles of the scene. Figure 5.4: time over
-the surfaces of a lens. 5.3: error of a lens ray transfer table over its resolution. 5.4, figure 5.6:
-precision of the accumulator. 5.5, figure 5.8: hybrid spreading of 6 megapixels. ``--figures DIR`` writes all
-as JSON files.
+5.1, figure 5.3: time of views, of image-based rays and of the engine ``rays`` over the triangles of the
+scene; ``python -m benchmarks.plots`` plots it. Figure 5.4: time over the surfaces of a lens. 5.3: error of a
+lens ray transfer table over its resolution. 5.4, figure 5.6: precision of the accumulator. 5.5, figure 5.8:
+hybrid spreading of 6 megapixels. ``--figures DIR`` writes all as JSON files.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from benchmarks.measurement import processor_seconds
 from bokehnet.baselines import hybrid_spreading
 from bokehnet.baselines.rays.image_based_rays import image_rays
 from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, draw, render_views
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.lenses import ThinLens
 from bokehnet.lenses.catalog import catalog_names, load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -31,7 +32,7 @@ _LENS = ThinLens(focal_length=50.0, f_number=1.4, focus_distance=1500.0)
 _SAMPLES = 64
 
 # Numbers of objects of 131,072 triangles each, and cells along an axis of a table.
-_OBJECTS, _CELLS = (1, 2, 4, 8), (8, 16, 32, 64)
+_OBJECTS, _CELLS = (1, 2, 4, 8, 16), (8, 16, 32, 64)
 
 
 def _scene(count: int) -> list[MeshObject]:
@@ -42,7 +43,7 @@ def _scene(count: int) -> list[MeshObject]:
 
 
 def triangles() -> dict[str, dict[str, float]]:
-    """Return processor seconds of 64 views, and of one view with 64 rays through it, by scene."""
+    """Return processor seconds of 64 views, and of one view with rays through it, by scene."""
     rows = {}
     for count in _OBJECTS:
         objects = _scene(count)
@@ -51,6 +52,7 @@ def triangles() -> dict[str, dict[str, float]]:
             "views": processor_seconds(partial(render_views, objects, _LENS, _PICTURE, _SAMPLES)),
             "once": processor_seconds(partial(_one_view, objects)),
             "rays": processor_seconds(partial(_rays_through_view, objects)),
+            "engine": processor_seconds(partial(_engine_on_view, objects)),
         }
     return rows
 
@@ -65,10 +67,18 @@ def _one_view(objects: list[MeshObject]) -> tuple[np.ndarray, np.ndarray]:
     return light, inverse
 
 
-def _rays_through_view(objects: list[MeshObject]) -> None:
+def _view_with_defocus(objects: list[MeshObject]) -> tuple[np.ndarray, np.ndarray]:
+    """Return one view and its signed blur radius in pixels, (H, W)."""
     light, inverse = _one_view(objects)
-    defocus = np.asarray(_LENS.coc_radius(inverse.astype(float)) / _PICTURE.pixel_pitch, np.float32)
-    image_rays(light, defocus, samples=_SAMPLES)
+    return light, np.asarray(_LENS.coc_radius(inverse.astype(float)) / _PICTURE.pixel_pitch, np.float32)
+
+
+def _rays_through_view(objects: list[MeshObject]) -> None:
+    image_rays(*_view_with_defocus(objects), samples=_SAMPLES)
+
+
+def _engine_on_view(objects: list[MeshObject]) -> None:
+    rays(*_view_with_defocus(objects))
 
 
 def _points(count: int) -> np.ndarray:
@@ -216,6 +226,7 @@ _MEASUREMENTS = {
             "views": ("64 views", ".2f"),
             "once": ("one view", ".3f"),
             "rays": ("one view and 64 rays a pixel", ".2f"),
+            "engine": ("one view and engine `rays`", ".2f"),
         },
     ),
     "bokehlab_surfaces": (

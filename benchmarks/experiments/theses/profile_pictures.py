@@ -28,7 +28,8 @@ _LENSES, _SIZE, _SAMPLES = ("biconvex", "double_gauss", "petzval"), (320, 240), 
 def _ways(case: LensCase) -> dict[str, Callable[[], np.ndarray]]:
     """Return the methods by label; the lens is prepared here, outside the measured time."""
     options = (case.image, case.defocus)
-    response = LensResponse(aberration_map=fit_aberration_map(case.lens))
+    aberrations = fit_aberration_map(case.lens)
+    response, profile = (LensResponse(aberration_map=each) for each in (aberrations, aberrations.on_axis()))
     textured = partial(
         texture_spreading, *options, trace_profile_texture(case.lens), case.lens, case.pixel_pitch
     )
@@ -40,6 +41,7 @@ def _ways(case: LensCase) -> dict[str, Callable[[], np.ndarray]]:
             profile_spreading, *options, lens_response=response
         ),
         "`lens_spreading`, aberration map": partial(lens_spreading, *options, lens_response=response),
+        "`rays`, profile (`--lens-engine profile`)": partial(rays, *options, lens_response=profile),
         "`rays`, aberration map": partial(rays, *options, lens_response=response),
     }
 

@@ -148,6 +148,24 @@ class AberrationMap:
         """Return the map without the tilt of focus plane and aperture."""
         return replace(self, tilt=(0.0, 0.0), aperture_axes=UNTILTED_AXES)
 
+    def on_axis(self) -> "AberrationMap":
+        """Return the map with the rays of the axis at every field position; the tilt stays.
+
+        Only f's powers of a.a are left: spherical aberration and axial colour, as in a radial profile. Rims
+        are centred, so that a central obstruction stays and no cat's-eye is left.
+
+        Source:
+            Jeong, "Efficient and expressive rendering for real-time defocus blur and bokeh", dissertation,
+            5.2: the profile texture of a lens, one row for each defocus and wavelength.
+        """
+        is_radial = np.array([[j == k == 0 for _, j, k in TERMS], [False] * len(TERMS)])
+        return replace(
+            self,
+            transverse_aberration=np.where(is_radial, self.transverse_aberration, 0.0),
+            pupil_aberration=np.where(is_radial, self.pupil_aberration, 0.0),
+            vignetting_apertures=tuple((0.0, radius) for _, radius in self.vignetting_apertures),
+        )
+
     def at(self, wavelength: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return interpolated coefficients of both aberrations, (..., 2, 20), at wavelengths in nm, (...).
 

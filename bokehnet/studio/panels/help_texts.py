@@ -68,6 +68,9 @@ HELP_TEXTS = {
     "lens.aberrations": (
         "Trace rays through the glass (traced), or use third-order theory (seidel), which is quicker."
     ),
+    "lens.engine": (
+        "Aberrations at every place of the picture (map), or those of its middle everywhere (profile)."
+    ),
     "lens.f_number": "F-number of the chosen lens. Default: the camera's, else wide open.",
     "lens.distortion": "Bend straight lines as the chosen lens does, for a picture without distortion.",
     "lens.vignetting": "Darken the corners as the chosen lens does.",

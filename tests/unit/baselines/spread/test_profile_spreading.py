@@ -1,14 +1,19 @@
 """Spreading with a profile texture against the traced image of a point on the axis."""
 
+import math
+
 import numpy as np
 import pytest
 
 from bokehnet.baselines.spread.profile_spreading import plane_of_blur, texture_spreading
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import load_lens
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
 from bokehnet.lenses.aberrations.point_spread import PsfGrid, correlation, traced_psf
 from bokehnet.lenses.lookup.printed_mappings import circle_of_confusion
 from bokehnet.lenses.lookup.profile_texture import profile_row, trace_profile_texture
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 LENS = load_lens("double_gauss", focus_distance=3000.0)
@@ -41,6 +46,25 @@ def test_a_light_on_the_axis_is_its_traced_image(depth):
     )
     assert correlation(result, traced) > 0.95
     assert result.sum() == pytest.approx(300.0, rel=0.01)
+
+
+def test_rays_draw_the_lamp_of_the_axis_in_the_corner_too():
+    """Authority: rays through the glass to the middle of the sensor, where the whole map has a cat's-eye."""
+    height, width, depth, size = 129, 193, 1000.0, 41
+    pitch = 36 / width
+    image = np.zeros((height, width, 3), np.float32)
+    image[24, 24] = 100.0
+    defocus = np.full((height, width), float(LENS.coc_radius(1 / depth)) / pitch, np.float32)
+    whole = fit_aberration_map(LENS, half_diagonal=pitch * math.hypot(height, width) / 2)
+    wavelengths, colors = WavelengthSampling().sample(12)
+    grid = PsfGrid(wavelengths=wavelengths, colors=colors, pitch=pitch, size=size, rays=12000)
+    traced = traced_psf(LENS, grid, depth=depth, field=(0.0, 0.0))
+    corner, axis = (
+        rays(image, defocus, lens_response=LensResponse(aberration_map=each))[4 : 4 + size, 4 : 4 + size]
+        for each in (whole, whole.on_axis())
+    )
+    assert correlation(axis, traced) > 0.99
+    assert correlation(corner, traced) < 0.97
 
 
 def test_a_pitch_of_zero_is_an_error():

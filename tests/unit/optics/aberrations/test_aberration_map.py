@@ -125,3 +125,23 @@ def test_mistakes_are_named():
             pupil_aberration=zeros,
             vignetting_apertures=((0.1, 0.0),),
         )
+
+
+def test_the_map_of_the_axis_has_its_rays_everywhere():
+    """Authority: the same map at the field position (0, 0)."""
+    rng = np.random.default_rng(0)
+    transverse_aberration, pupil_aberration = 0.1 * rng.normal(size=(2, 2, 2, len(TERMS)))
+    whole = AberrationMap(
+        wavelengths=[450.0, 650.0],
+        transverse_aberration=transverse_aberration,
+        pupil_aberration=pupil_aberration,
+        vignetting_apertures=((0.5, 0.9), (0.0, -0.3)),
+        tilt=(0.2, -0.1),
+    )
+    a, h = rng.uniform(-0.7, 0.7, (2, 50, 2))
+    on_axis = whole.on_axis()
+    for wavelength in (450.0, 520.0):
+        expected = whole(a, np.zeros_like(h), wavelength)
+        assert not np.allclose(whole(a, h, wavelength)[0], expected[0])
+        for got, axis in zip(on_axis(a, h, wavelength), expected, strict=True):
+            np.testing.assert_allclose(got, axis, atol=1e-12)
