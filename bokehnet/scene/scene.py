@@ -249,7 +249,7 @@ def make_scene(
         alpha=alpha,
         window=window,
         number=number,
-        notes=depth.notes,
+        notes=(*depth.notes, *_shape_notes(depth, image)),
         matte=None if matte is None else check_matte(matte, image),
         known=known,
         supersampled=supersampled,
@@ -310,7 +310,7 @@ def read_scene(
         window=frame.window,
         number=number,
         frame=frame,
-        notes=(*(f"{path}: {note}" for note in frame.notes), *depth.notes),
+        notes=(*(f"{path}: {note}" for note in frame.notes), *depth.notes, *_shape_notes(depth, frame.image)),
         matte=None if matte is None else check_matte(read_matte(matte, frame.window), frame.image),
         known=None if unit is None else deep_surfaces(path, unit),
         supersampled=factor,
@@ -429,6 +429,21 @@ def check_repair_allowed(scene: Scene, settings: DepthSettings) -> None:
         if is_exact(scene) and getattr(settings, name) == "on":
             expected = "auto or off for a scene whose edges are known"
             raise ParameterError(f"depth.{name}", expected, "on", "leave it out")
+
+
+def _shape_notes(depth: DepthMap, image: Array) -> tuple[str, ...]:
+    """Return a warning about a map whose sides are not resized by the same factor.
+
+    Networks may see a square, so that a square map is no sign of another view.
+    """
+    (rows, columns), (height, width) = depth.values.shape, image.shape[:2]
+    if (
+        rows == columns
+        or depth.fits_any_size
+        or abs(math.log(rows / columns * width / height)) <= _ASPECT_TOLERANCE
+    ):
+        return ()
+    return (f"the map of {columns}x{rows} pixels is stretched unevenly to the picture of {width}x{height}",)
 
 
 def _check_upright(map_size: tuple[int, ...], size: tuple[int, int], kind: str) -> None:

@@ -168,6 +168,10 @@ _GROUPS: dict[str, type[Group]] = {
 }
 
 
+# Remedy for settings of a depth map without its file.
+_OWN_DEPTH = " (the picture's own file if its depth is inside)"
+
+
 def _check_across(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless the groups are consistent."""
     source, depth = settings.input, settings.depth
@@ -183,7 +187,7 @@ def _check_across(settings: RenderSettings) -> None:
                     f"depth.{name}",
                     expected=f"`input.{needed}` for it to act on",
                     got=value,
-                    remedy="give that, or leave this out",
+                    remedy=f"give that{_OWN_DEPTH if needed == 'depth' else ''}, or leave this out",
                     shown="it alone" if value is True else None,
                 )
     for name in ("coding", "no_data", "holes"):

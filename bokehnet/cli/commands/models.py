@@ -40,8 +40,10 @@ def models(
         names = ", ".join(depth_model_names())
         raise ParameterError("NAME", expected=f"one of {names}", got=name)
     if get:
-        from bokehnet.inference.model_download import model_file
+        from bokehnet.inference.model_download import cached_file, model_file
 
+        if _is_terminal() and cached_file(selected) is None:
+            click.echo(f"downloading {selected.size} from {selected.repository}", err=True)
         click.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
         return
     rows = {

@@ -56,3 +56,18 @@ def test_defocus_is_not_repaired():
     relative = make_scene(PICTURE, RelativeDisparity(map=np.zeros((48, 64), np.float32)))
     assert is_repaired(relative, DepthSettings(repair="auto"))
     assert not is_repaired(relative, DepthSettings(repair="off"))
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "expected"),
+    [
+        (24, 32, ()),
+        (48, 64, ()),
+        (24, 24, ()),
+        (24, 20, ("the map of 20x24 pixels is stretched unevenly to the picture of 32x24",)),
+    ],
+)
+def test_a_map_of_another_shape_is_announced(height, width, expected):
+    ramp = np.tile(np.linspace(0, 1, width, dtype=np.float32), (height, 1))
+    scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=ramp))
+    assert scene.notes == expected
