@@ -66,6 +66,7 @@ class LightConfig:
         max_depth_span: Maximum difference of the nearness of a lamp's pixels to that of its middle, and of
             its halo above it, fraction of the range of the map.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
+        dusk: The same for small lights with edges too sharp for matter, by ``glint_sharpness``.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
         max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
@@ -141,6 +142,7 @@ class LightConfig:
     lamp_surround: tuple[float, float] = (0.1, 0.2)
     max_depth_span: float = 0.1
     night: tuple[float, float] = (0.02, 0.035)
+    dusk: tuple[float, float] = (0.06, 0.1)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (1.0, 40.0)
     max_lamp_gain: float = 80.0

@@ -16,7 +16,6 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     """Add the missing light of lamps to ``result`` (H, W, 3), and return the mask of their pixels (H, W)."""
     config = picture.config
     used = np.zeros(picture.lowest.shape, bool)
-    night = float(ramp(picture.median, config.night[::-1]))
     half = config.bright * picture.level
     regions = connected_components(picture.highest >= half)
     if regions.count == 0:
@@ -24,7 +23,7 @@ def add_lamps(picture: BrightPicture, result: Array) -> Mask:
     at = regions.rows, regions.columns
     area = regions.sums()
     clipped = regions.sums(picture.highest[at] >= picture.level)
-    weight = _lamp_weights(picture, regions, area, clipped, night)
+    weight = _lamp_weights(picture, regions, area, clipped)
     if not weight.any():
         return used
     neighbors = _clipped_neighbors(picture, regions)
@@ -76,9 +75,7 @@ def _flux(
     return np.asarray(np.minimum(flux, color * visible.flux[:, None] + limit[:, None]))
 
 
-def _lamp_weights(
-    picture: BrightPicture, regions: Components, area: Floats, clipped: Floats, night: float
-) -> Floats:
+def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, clipped: Floats) -> Floats:
     """Return the certainty, 0 to 1, that bright regions are lamps, or glints by day, (regions,).
 
     Args:
@@ -86,7 +83,6 @@ def _lamp_weights(
         regions: Bright regions.
         area: Pixels of each, (regions,).
         clipped: Clipped pixels of each, (regions,).
-        night: Certainty that the picture shows the night.
     """
     config, at = picture.config, (regions.rows, regions.columns)
     max_radius = max(config.lamp_radius * picture.diagonal, config.lamp_radius_px)
@@ -95,9 +91,11 @@ def _lamp_weights(
     portion = small / max(float(clipped.sum()), 1)
     common = ramp(portion, config.lamp_share)
     common = common * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
-    day = 0.0
+    night, day = float(ramp(picture.median, config.night[::-1])), 0.0
     if night < 1 and common > 0:
-        day = float(ramp(portion, config.glint_share)) * _glint_sharpness(picture, regions, is_small)
+        sharp = _glint_sharpness(picture, regions, is_small)
+        day = float(ramp(portion, config.glint_share)) * sharp
+        night = max(night, float(ramp(picture.median, config.dusk[::-1])) * sharp)
     certainty = common * is_small * ramp(clipped / area, config.lamp_fill)
     if (night == 0 and day == 0) or not certainty.any():
         return np.zeros(regions.count)
