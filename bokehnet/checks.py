@@ -126,6 +126,8 @@ def check_light(name: str, image: Array) -> None:
 def check_map(name: str, values: Array) -> None:
     """Raise unless ``values`` is (H, W) and finite."""
     check_rank(name, values, 2, "(H, W)")
+    if isinstance(values, np.ma.MaskedArray) and values.mask.any():
+        raise ParameterError(name, "values everywhere", shown=f"{int(values.mask.sum())} masked")
     check_finite(name, values)
 
 

@@ -8,7 +8,15 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
+from bokehnet.checks import (
+    check_at_least,
+    check_floats,
+    check_image,
+    check_kind,
+    check_map,
+    check_number,
+    check_same_size,
+)
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engines.engine import Engine
@@ -262,6 +270,8 @@ class BokehRenderer:
         """
         if defocus is None:
             defocus = _from_disparity(disparity, blur, focus)
+            check_image("image", image)
+            check_same_size("image", image, "disparity", defocus)
         elif not (disparity is None and blur is None and focus is None):
             expected = "either this, or `disparity`, `blur` and `focus`"
             raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
@@ -396,5 +406,5 @@ def _from_disparity(
     check_number("focus", focus)
     check_map("disparity", disparity)
     check_floats("disparity", disparity, "divide it by the value that maps to 1, such as 255")
-    defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)
+    defocus: Array = defocus_from_disparity(np.asarray(disparity, np.float32), blur, focus)
     return defocus

@@ -238,6 +238,7 @@ def make_scene(
         alpha = np.asarray(alpha, np.float32)
     height, width = image.shape[:2]
     window = window or Window.whole(width, height)
+    _check_depth_source(source)
     depth = source.depth_map(Photo(image=image, window=window, camera=camera))
     if supersampled not in (1, 2, 4):
         raise ParameterError("supersampled", "1, 2 or 4", supersampled)
@@ -290,6 +291,7 @@ def read_scene(
     if source is None:
         check_focus(settings)
         source = depth_source(settings)
+    _check_depth_source(source)
     frame = read_frame(path, part_of(progress, 0, 2), settings.input.color_space)
     matte, factor = settings.input.matte, settings.input.supersampled
     unit = unit_of_picture_depth(source, path)
@@ -429,6 +431,12 @@ def check_repair_allowed(scene: Scene, settings: DepthSettings) -> None:
         if is_exact(scene) and getattr(settings, name) == "on":
             expected = "auto or off for a scene whose edges are known"
             raise ParameterError(f"depth.{name}", expected, "on", "leave it out")
+
+
+def _check_depth_source(source: object) -> None:
+    """Raise ``ParameterError`` for anything but a :class:`DepthSource`, such as the name of a map."""
+    if not hasattr(source, "depth_map"):
+        raise ParameterError("source", "a depth source, such as RelativeDisparity(map=...)", source)
 
 
 def _shape_notes(depth: DepthMap, image: Array) -> tuple[str, ...]:

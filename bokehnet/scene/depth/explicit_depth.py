@@ -35,6 +35,13 @@ __all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity"
 # Maximum range of a map, relative to its largest value, that counts as constant.
 _MAX_CONSTANT_RANGE = 0.02
 
+# Fraction of the pixels at each end of a map that do not count for that, and approximate number of pixels
+# looked at.
+_OUTLIERS, _SAMPLED_PIXELS = 0.0005, 100_000
+
+# Maximum of the values that map to 0 and 1 for maps of integers, whose values are 0 to 1.
+_MAX_INTEGER_RANGE = 10.0
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RelativeDisparity:
@@ -89,6 +96,9 @@ class RelativeDisparity:
             low, high = self.value_range
             if not (math.isfinite(low) and math.isfinite(high) and low != high):
                 raise ParameterError("depth.value_range", "two different numbers", self.value_range)
+            if stored.largest_integer is not None and max(abs(low), abs(high)) > _MAX_INTEGER_RANGE:
+                expected = f"values of 0 to 1: codes of this map count over {stored.largest_integer}"
+                raise ParameterError("depth.value_range", expected, self.value_range)
             values = ((values.astype("float64") - low) / (high - low)).astype("float32")
         elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
             actual = f"{values.min():g} to {values.max():g}"
@@ -114,12 +124,18 @@ def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
     """Return a warning about a constant or almost constant map."""
     low, high = float(values.min()), float(values.max())
     if low == high:
-        return (f"the disparity map is {low:g} everywhere: every pixel is blurred equally",)
+        return (f"the disparity map is {low:g} everywhere: all is equally sharp",)
     if high - low < _MAX_CONSTANT_RANGE * max(abs(low), abs(high)):
         return (
             f"the disparity map only ranges from {low:.6g} to {high:.6g}; stretching it to 0 to 1 amplifies "
             "its "
             "noise; `depth.value_range` sets the values that map to 0 and 1",
+        )
+    most = np.quantile(values.ravel()[:: max(1, values.size // _SAMPLED_PIXELS)], (_OUTLIERS, 1 - _OUTLIERS))
+    if most[1] - most[0] < _MAX_CONSTANT_RANGE * (high - low):
+        return (
+            f"single pixels set the range of the disparity map, {low:.6g} to {high:.6g}; nearly all of it is "
+            f"{most[0]:.6g} to {most[1]:.6g}; `depth.value_range` sets the values that map to 0 and 1",
         )
     return ()
 
@@ -285,6 +301,8 @@ def _stored(
         return source
     if not isinstance(source, np.ndarray):
         return read_stored_map(source, channel, coding=coding, window=photo.window, progress=photo.progress)
+    if isinstance(source, np.ma.MaskedArray):
+        source = source.astype(np.float32).filled(np.nan)
     if quantity == "disparity" and holes is None:
         check_map("disparity", source)
     return StoredMap(values=np.asarray(source, np.float32))

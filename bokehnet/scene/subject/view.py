@@ -133,7 +133,7 @@ def ground_of(values: Array, search: SubjectSearch) -> Mask:
     flat, fx, fy = values.ravel(), xs.ravel(), ys.ravel()
     thinned = pool[:: max(1, pool.size // 2000)]
     best, plane = 0.0, None
-    for _ in range(200):
+    for _ in range(200 if pool.size >= 3 else 0):
         picks = rng.choice(pool, 3, replace=False)
         system = np.stack([fx[picks], fy[picks], np.ones(3)], 1)
         if abs(np.linalg.det(system)) < 1e-3:

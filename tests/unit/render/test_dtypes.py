@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import bokehnet
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.color.srgb import srgb_to_linear
 
 RNG = np.random.default_rng(3)
@@ -94,3 +94,23 @@ def test_the_input_is_not_changed():
     render(image, disparity)
     assert_array_equal(image, before[0])
     assert_array_equal(disparity, before[1])
+
+
+def test_a_map_of_64_bits_gives_the_picture_of_its_32_bits():
+    assert_array_equal(render(disparity=DISPARITY.astype(np.float64)), render())
+
+
+def test_masked_values_are_refused_as_arrays_and_missing_as_maps():
+    masked = np.ma.array(DISPARITY, mask=DISPARITY > 0.5)
+    with pytest.raises(ParameterError, match=r"^disparity: expected values everywhere, got \d+ masked"):
+        render(disparity=masked)
+    filled = bokehnet.make_scene(LIGHT, bokehnet.RelativeDisparity(map=masked, holes="fill"))
+    assert np.isfinite(filled.depth.values).all()
+    assert filled.depth.values.max() == pytest.approx(1)
+
+
+def test_errors_name_the_map_that_was_given():
+    with pytest.raises(ShapeError, match="disparity"):
+        render(disparity=DISPARITY[:10])
+    with pytest.raises(ParameterError, match=r"^source: expected a depth source, such as"):
+        bokehnet.make_scene(LIGHT, "disparity.png")

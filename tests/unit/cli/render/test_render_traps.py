@@ -84,8 +84,25 @@ def test_a_png_and_an_exr_may_be_written_in_place(folder, cli):
 def test_a_constant_map_is_reported(folder, cli):
     write_image("flat.png", np.full((40, 64, 3), srgb_to_linear(np.float32(188 / 255))))
     result = notes(cli("render", "photo.png", "--disparity", "flat.png", *RELATIVE, "-o", "out.png"))
-    assert result == ["the disparity map is 0.737255 everywhere: every pixel is blurred equally", *result[1:]]
+    assert result == [
+        "the disparity map is 0.737255 everywhere: all is equally sharp",
+        *result[1:],
+    ]
     assert "nothing is sharp: focus is at 0.4, disparity 0.737" in result[1]
+
+
+def test_a_map_whose_range_single_pixels_set_is_reported(folder, cli):
+    values = np.full((40, 64, 3), srgb_to_linear(np.float32(200 / 255)))
+    values[0, 0] = srgb_to_linear(np.float32(20 / 255))
+    write_image("hot.png", values)
+    result, *_ = notes(cli("render", "photo.png", "--disparity", "hot.png", *RELATIVE, "-o", "out.png"))
+    assert result.startswith("single pixels set the range of the disparity map, 0.0784314 to 0.784314")
+    assert "--disparity-range sets" in result
+
+
+def test_codes_of_an_integer_map_are_no_range_of_its_values(folder, fails):
+    words = ["render", "photo.png", "--disparity", "disparity.png", *RELATIVE, "--disparity-range", "0,255"]
+    fails(words, "--disparity-range: expected values of 0 to 1: codes of this map count over 255, got")
 
 
 def test_a_map_that_is_nearly_constant_is_reported(folder, cli, write_channels):

@@ -115,3 +115,9 @@ def test_the_note_counts_pixels_of_the_shown_picture():
     x, y = subject.position
     window = Window(x=10, y=20, width=WIDTH, height=HEIGHT, display_width=400, display_height=400)
     assert f"pixel {x + 10},{y + 20} " in subject.note(window)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 2), (3, 1), (1, 40)])
+def test_tiny_pictures_have_a_subject_or_none(size):
+    rng = np.random.default_rng(0)
+    find_subject(rng.random((*size, 3), np.float32), rng.random(size, np.float32))
