@@ -66,7 +66,9 @@ class LightConfig:
         max_depth_span: Maximum difference of the nearness of a lamp's pixels to that of its middle, and of
             its halo above it, fraction of the range of the map.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
-        dusk: The same for small lights with edges too sharp for matter, by ``glint_sharpness``.
+        dusk: The same for small lights with edges too sharp for matter.
+        dusk_sharpness: Sharpness of their edges up to which they are matter, and from which they are lamps.
+            Without a point spread function matter just above white reaches 1.3.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.
         max_lamp_gain: Maximum radiance of a lamp, mean over its clipped pixels.
@@ -143,6 +145,7 @@ class LightConfig:
     max_depth_span: float = 0.1
     night: tuple[float, float] = (0.02, 0.035)
     dusk: tuple[float, float] = (0.06, 0.1)
+    dusk_sharpness: tuple[float, float] = (1.3, 1.8)
     sharp_gain: float = 5.0
     lamp_gain: tuple[float, float] = (1.0, 40.0)
     max_lamp_gain: float = 80.0

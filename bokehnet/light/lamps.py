@@ -93,9 +93,10 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     common = common * ramp(small / picture.lowest.size, config.lamp_fraction[::-1])
     night, day = float(ramp(picture.median, config.night[::-1])), 0.0
     if night < 1 and common > 0:
-        sharp = _glint_sharpness(picture, regions, is_small)
-        day = float(ramp(portion, config.glint_share)) * sharp
-        night = max(night, float(ramp(picture.median, config.dusk[::-1])) * sharp)
+        sharp = _edge_sharpness(picture, regions, is_small)
+        day = float(ramp(portion, config.glint_share) * ramp(sharp, config.glint_sharpness))
+        dusk = float(ramp(picture.median, config.dusk[::-1]) * ramp(sharp, config.dusk_sharpness))
+        night = max(night, dusk)
     certainty = common * is_small * ramp(clipped / area, config.lamp_fill)
     if (night == 0 and day == 0) or not certainty.any():
         return np.zeros(regions.count)
@@ -104,16 +105,15 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
     return np.asarray(certainty * np.maximum(night * lamp, config.glint_gain * day * glint))
 
 
-def _glint_sharpness(picture: BrightPicture, regions: Components, is_small: Mask) -> float:
-    """Return the certainty that the edges of small regions are too sharp for white matter, 0 to 1."""
+def _edge_sharpness(picture: BrightPicture, regions: Components, is_small: Mask) -> float:
+    """Return the sharpness of the edges of small regions clipped in all channels; 0 for too few edges."""
     config, at = picture.config, (regions.rows, regions.columns)
     core = np.flatnonzero((picture.lowest[at] >= picture.level) & is_small[regions.labels])
     dark = config.glint_dark * picture.level
     _, y, x, *_ = edge_pixels(picture.lowest, picture.level, at[0][core], at[1][core], dark)
     if len(y) < config.min_edge_pixels:
         return 0.0
-    above = np.maximum(picture.lowest[y, x] / picture.level - picture.surround(y, x), 0)
-    return float(ramp(sharpness(above), config.glint_sharpness))
+    return sharpness(np.maximum(picture.lowest[y, x] / picture.level - picture.surround(y, x), 0))
 
 
 def _core_nearness(

@@ -302,7 +302,7 @@ def _stored(
     if not isinstance(source, np.ndarray):
         return read_stored_map(source, channel, coding=coding, window=photo.window, progress=photo.progress)
     if isinstance(source, np.ma.MaskedArray):
-        source = source.astype(np.float32).filled(np.nan)
+        source = np.where(np.ma.getmaskarray(source), np.float32(np.nan), source.data)
     if quantity == "disparity" and holes is None:
         check_map("disparity", source)
     return StoredMap(values=np.asarray(source, np.float32))

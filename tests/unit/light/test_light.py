@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter
 from scipy.special import erf
 
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
@@ -27,9 +28,9 @@ def noisy(mean, rng, spread=0.1):
     return (mean * grain * np.ones(3)).clip(0).astype(np.float32)
 
 
-def night(rng, lamps, color=(1.0, 1.0, 1.0), halo=0.0):
+def night(rng, lamps, color=(1.0, 1.0, 1.0), halo=0.0, wall=0.006):
     """A dark wall with lamps of (row, column, radius, radiance); with a halo of ``halo / (pi^3 r^3)``."""
-    light = noisy(0.006, rng)
+    light = noisy(wall, rng)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     for row, column, radius, radiance in lamps:
         distance = np.hypot(y - row, x - column)
@@ -116,6 +117,24 @@ def test_an_unclipped_channel_measures_a_lamp_of_one_colour(color, radiance):
         y, x = round(row), round(column)
         around = (slice(y - 8, y + 9), slice(x - 8, x + 9))
         assert_allclose(recovered[around].sum((0, 1)), light[around].sum((0, 1)), rtol=0.25)
+
+
+def test_at_dusk_the_sharpness_of_edges_tells_lamps_from_white_matter():
+    """Truth: lamps of 40 times white, and discs just above white, before a wall too bright for the night."""
+    rng, radii = np.random.default_rng(8), np.random.default_rng(9).uniform(2.2, 3.4, 24)
+    places = [(20 + 40 * (i // 6) + rng.random(), 20 + 40 * (i % 6) + rng.random()) for i in range(24)]
+
+    def recovered(radiance):
+        lamps = [(*place, radius, radiance) for place, radius in zip(places, radii, strict=True)]
+        light = night(np.random.default_rng(8), lamps, wall=0.045)
+        light = gaussian_filter(light, (0.6, 0.6, 0))  # of a camera
+        return light, stored(light), recover_light(stored(light)).image
+
+    light, original, image = recovered(40.0)
+    assert original.sum() < 0.2 * light.sum()
+    assert 0.3 * light.sum() < image.sum() < 1.5 * light.sum()
+    _, original, image = recovered(1.1)
+    assert_array_equal(image, original)
 
 
 def test_by_day_a_single_clipped_channel_is_left_alone():
