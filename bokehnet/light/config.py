@@ -66,8 +66,8 @@ class LightConfig:
         max_depth_span: Maximum difference of the nearness of a lamp's pixels to that of its middle, and of
             its halo above it, fraction of the range of the map.
         night: Median light of the picture up to which small lights are lamps, and from which they are not.
-        dusk: The same for small lights with edges too sharp for matter.
-        dusk_sharpness: Sharpness of their edges up to which they are matter, and from which they are lamps.
+        dusk: The same for glints of any share of the clipped pixels.
+        dusk_sharpness: Sharpness of their edges up to which they are matter, and from which they are glints.
             Without a point spread function matter just above white reaches 1.3.
         sharp_gain: Radiance of lamps without a halo over the sharpness of their edges.
         lamp_gain: Minimum and maximum radiance of a lamp without a halo.

@@ -96,7 +96,7 @@ def _lamp_weights(picture: BrightPicture, regions: Components, area: Floats, cli
         sharp = _edge_sharpness(picture, regions, is_small)
         day = float(ramp(portion, config.glint_share) * ramp(sharp, config.glint_sharpness))
         dusk = float(ramp(picture.median, config.dusk[::-1]) * ramp(sharp, config.dusk_sharpness))
-        night = max(night, dusk)
+        day = max(day, dusk)
     certainty = common * is_small * ramp(clipped / area, config.lamp_fill)
     if (night == 0 and day == 0) or not certainty.any():
         return np.zeros(regions.count)
