@@ -146,7 +146,7 @@ class LightConfig:
     night: tuple[float, float] = (0.02, 0.035)
     dusk: tuple[float, float] = (0.06, 0.1)
     dusk_sharpness: tuple[float, float] = (1.3, 1.8)
-    sharp_gain: float = 7.0
+    sharp_gain: float = 6.0
     lamp_gain: tuple[float, float] = (1.0, 40.0)
     max_lamp_gain: float = 80.0
     lamp_fraction: tuple[float, float] = (0.04, 0.08)
@@ -155,7 +155,7 @@ class LightConfig:
     glint_sharpness: tuple[float, float] = (1.1, 1.6)
     glint_dark: float = 0.3
     glint_surround: tuple[float, float] = (0.2, 0.35)
-    glint_gain: float = 0.43
+    glint_gain: float = 0.5
     halo_level: float = 0.2
     halo_growth: tuple[float, float] = (0.05, 0.2)
     halo_excess: tuple[float, float] = (8.0, 16.0)
