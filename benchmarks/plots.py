@@ -11,16 +11,14 @@ from pathlib import Path
 __all__ = ["plot_figures"]
 
 
-def plot_figures(
-    figures: Path, plot: Path, columns: list[str] | None = None, unit: str = "processor seconds"
-) -> None:
+def plot_figures(figures: Path, plot: Path, columns: list[str] | None = None, axis: str = "") -> None:
     """Draw columns of a file of figures over the number at the beginning of each row's name.
 
     Args:
         figures: File of :func:`benchmarks.figures.write_figures`.
         plot: Picture file; its ending selects the format.
         columns: Columns to draw; default: all.
-        unit: Title of the vertical axis.
+        axis: Title of the horizontal axis; default: what follows the number.
     """
     import matplotlib.pyplot as plt  # optional dependency
 
@@ -33,8 +31,8 @@ def plot_figures(
         if points:
             title = table["columns"][column]["title"].removesuffix(", s").replace("`", "")
             axes.loglog(*zip(*points, strict=True), marker="o", label=title)
-    axes.set_xlabel(next(iter(table["rows"])).split(maxsplit=1)[1])
-    axes.set_ylabel(unit)
+    axes.set_xlabel(axis or next(iter(table["rows"])).split(maxsplit=1)[1])
+    axes.set_ylabel("processor seconds")
     axes.set_xticks(sorted(sizes), labels=[_short(size) for size in sorted(sizes)], minor=False)
     axes.set_xticks([], minor=True)
     axes.grid(True, which="major", alpha=0.3)
@@ -58,9 +56,9 @@ def main() -> None:
     parser.add_argument("figures", type=Path)
     parser.add_argument("plot", type=Path)
     parser.add_argument("--columns", nargs="*")
-    parser.add_argument("--unit", default="processor seconds", help="title of the vertical axis")
+    parser.add_argument("--axis", default="", help="title of the horizontal axis")
     arguments = parser.parse_args()
-    plot_figures(arguments.figures, arguments.plot, arguments.columns, arguments.unit)
+    plot_figures(arguments.figures, arguments.plot, arguments.columns, arguments.axis)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Resampling of pictures and maps to another size."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -8,11 +9,19 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 
-__all__ = ["Kernel", "resample"]
+__all__ = ["Kernel", "resample", "same_aspect"]
 
 Kernel = Literal["cubic", "linear", "area"]
 
+# Maximum difference of the logarithms of two aspect ratios that count as equal.
+_ASPECT_TOLERANCE = 0.05
+
 _FILTERS = {"cubic": "catmull-rom", "linear": "triangle", "area": "box"}
+
+
+def same_aspect(size: tuple[int, ...], other: tuple[int, ...]) -> bool:
+    """Return whether two sizes (height, width) have the same aspect ratio, within 5 %."""
+    return abs(math.log(size[0] / size[1] * other[1] / other[0])) <= _ASPECT_TOLERANCE
 
 
 def resample(

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from bokehnet.checks import (
     check_at_least,
     check_floats,
-    check_image,
     check_kind,
     check_map,
     check_number,
@@ -270,8 +269,8 @@ class BokehRenderer:
         """
         if defocus is None:
             defocus = _from_disparity(disparity, blur, focus)
-            check_image("image", image)
-            check_same_size("image", image, "disparity", defocus)
+            if np.ndim(image) == 3:  # the engine refuses any other
+                check_same_size("image", image, "disparity", defocus)
         elif not (disparity is None and blur is None and focus is None):
             expected = "either this, or `disparity`, `blur` and `focus`"
             raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")

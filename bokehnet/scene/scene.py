@@ -1,6 +1,5 @@
 """Scene: a picture, its depth map, and further information of its file."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.resample import resample
+from bokehnet.arrays.resample import resample, same_aspect
 from bokehnet.checks import check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
@@ -47,9 +46,6 @@ __all__ = [
     "map_at_picture_size",
     "read_scene",
 ]
-
-# Maximum difference of the logarithms of two aspect ratios that count as equal.
-_ASPECT_TOLERANCE = 0.05
 
 # Minimum fraction of mixed pixels at depth edges of a map that was filtered like its picture.
 _MIN_MIXED_FRACTION = 0.05
@@ -445,20 +441,14 @@ def _shape_notes(depth: DepthMap, image: Array) -> tuple[str, ...]:
     Networks may see a square, so that a square map is no sign of another view.
     """
     (rows, columns), (height, width) = depth.values.shape, image.shape[:2]
-    if (
-        rows == columns
-        or depth.fits_any_size
-        or abs(math.log(rows / columns * width / height)) <= _ASPECT_TOLERANCE
-    ):
+    if rows == columns or depth.fits_any_size or same_aspect((rows, columns), (height, width)):
         return ()
     return (f"the map of {columns}x{rows} pixels is stretched unevenly to the picture of {width}x{height}",)
 
 
 def _check_upright(map_size: tuple[int, ...], size: tuple[int, int], kind: str) -> None:
     """Raise ``ShapeError`` for a map that fits its picture only after a rotation by 90 degrees."""
-    turned = math.log(map_size[1] / map_size[0] * size[1] / size[0])
-    upright = math.log(map_size[0] / map_size[1] * size[1] / size[0])
-    if abs(turned) < _ASPECT_TOLERANCE < abs(upright):
+    if same_aspect(map_size[::-1], size) and not same_aspect(map_size, size):
         raise ShapeError(
             f"the picture is {size[1]}x{size[0]} pixels but its {kind} is {map_size[1]}x{map_size[0]}, "
             "turned "

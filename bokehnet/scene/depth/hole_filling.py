@@ -12,7 +12,7 @@ In: a map (H, W) with NaN, and the picture. Out: the map without NaN, its other 
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.resample import resample
+from bokehnet.arrays.resample import resample, same_aspect
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.kernels import njit
 
@@ -30,9 +30,6 @@ _MAX_SCANS = 16
 # Relaxation: sweeps, over-relaxation, and the step of disparity that separates surfaces, as a fraction of the
 # range between the 2nd and the 98th percentile.
 _SWEEPS, _OVER_RELAXATION, _MAX_STEP = 60, 1.7, 0.05
-
-# Maximum difference of the logarithms of two aspect ratios of a map and its picture.
-_ASPECT_TOLERANCE = 0.05
 
 
 def fill_holes(values: Array, image: Array | None = None) -> Array:
@@ -61,10 +58,7 @@ def fill_holes(values: Array, image: Array | None = None) -> Array:
 
 def _guide(image: Array | None, height: int, width: int) -> Array:
     """Return the colours of the picture at the size of the map, sRGB, (H, W, 3); 0 without a picture."""
-    if image is None:
-        return np.zeros((height, width, 3), np.float32)
-    aspect = np.log(image.shape[0] / image.shape[1] * width / height)
-    if abs(aspect) > _ASPECT_TOLERANCE:
+    if image is None or not same_aspect(image.shape, (height, width)):
         return np.zeros((height, width, 3), np.float32)
     image = linear_to_srgb(np.clip(image, 0, 1)).astype(np.float32)
     if image.shape[:2] == (height, width):

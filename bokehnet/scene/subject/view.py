@@ -132,8 +132,10 @@ def ground_of(values: Array, search: SubjectSearch) -> Mask:
     pool = np.flatnonzero(lower.ravel())
     flat, fx, fy = values.ravel(), xs.ravel(), ys.ravel()
     thinned = pool[:: max(1, pool.size // 2000)]
-    best, plane = 0.0, None
-    for _ in range(200 if pool.size >= 3 else 0):
+    best, plane, nothing = 0.0, None, np.zeros(values.shape, bool)
+    if pool.size < 3:
+        return nothing
+    for _ in range(200):
         picks = rng.choice(pool, 3, replace=False)
         system = np.stack([fx[picks], fy[picks], np.ones(3)], 1)
         if abs(np.linalg.det(system)) < 1e-3:
@@ -145,7 +147,6 @@ def ground_of(values: Array, search: SubjectSearch) -> Mask:
         share = float(np.mean(error < search.ground_tolerance))
         if share > best:
             best, plane = share, (across, down, start)
-    nothing = np.zeros(values.shape, bool)
     if plane is None or best < 0.2:
         return nothing
     near_plane = np.abs(values - plane[0] * xs - plane[1] * ys - plane[2]) < search.ground_tolerance
