@@ -189,7 +189,8 @@ def make_web(folder: Path) -> None:
         run("npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", folder=Path(download_folder))
         for name in RUNTIME:
             shutil.copy(Path(download_folder) / runtime / name, folder / runtime)
-    run(sys.executable, "-m", "bokehnet", "export", "-o", folder / "fast.onnx")
+    for engine in ("fast", "rays"):
+        run(sys.executable, "-m", "bokehnet", "export", "-o", folder / f"{engine}.onnx", "--engine", engine)
 
 
 def bundle_web(out: Path, version: str) -> Path:

@@ -12,7 +12,7 @@ const query = new URLSearchParams(location.search);
 
 /** Say what this browser gives less than all. */
 function report(line) {
-  notice.append(`${line} `);
+  if (!notice.textContent.includes(line)) notice.append(`${line} `);
 }
 
 /** Say beside a control what is wrong with it; "" where nothing is. */
@@ -58,7 +58,12 @@ function begin(target, canvas, more = {}) {
   const theirs = canvas.transferControlToOffscreen();
   target.postMessage({ canvas: theirs, ...more }, [theirs]);
 }
-begin(worker, result, { model: query.get("model") ?? "fast.onnx", provider: query.get("provider") ?? "auto" });
+
+/** Load a renderer by its address; the rays look farther around a tile than the others. */
+const renderer = (model) => ({ model, rays: /rays/.test(model), provider: query.get("provider") ?? "auto" });
+const { quality } = form.elements;
+quality.closest("p").hidden = query.has("model");
+begin(worker, result, renderer(query.get("model") ?? quality.value));
 begin(previewer, quick);
 
 const NUMBERS = ["K", "focus", "gamma"];
@@ -282,6 +287,7 @@ result.addEventListener("click", (event) => {
 
 form.addEventListener("input", ({ target }) => {
   if (target.type === "file") return;
+  if (target === quality) worker.postMessage(renderer(quality.value));
   showNumbers();
   follow();
 });

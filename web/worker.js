@@ -14,6 +14,10 @@ const STEP = 64;
 // Pixels that the network looks around itself, beyond the blur.
 const AROUND = 43;
 
+// The same of the rays, with the blur's multiple that they reach with what is behind an edge; their larger memory
+// allows smaller tiles only.
+const RAYS = { around: 64, radii: 2, tile: 512 };
+
 // Largest side of the picture that the page shows; the saved one has all pixels.
 const SHOWN = 1600;
 
@@ -26,6 +30,7 @@ let disparity;
 let shown;
 let latest = 0;
 let tile = TILE;
+let rays = false;
 let turn = Promise.resolve();
 
 /** Pixels of an image file, scaled to `size` where that is given. */
@@ -229,7 +234,8 @@ async function render(id, numbers) {
   const start = performance.now();
   const { width, height } = photo;
   const most = mostBlurred(numbers);
-  const around = STEP * Math.ceil((most.radius + AROUND) / STEP);
+  const [radii, margin] = rays ? [RAYS.radii, RAYS.around] : [1, AROUND];
+  const around = STEP * Math.ceil((radii * most.radius + margin) / STEP);
   const whole = new OffscreenCanvas(width, height);
   const context = whole.getContext("2d");
   const [tall, wide] = [side(height), side(width)];
@@ -258,10 +264,13 @@ async function render(id, numbers) {
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, provider, canvas, open, estimate, focusAt, numbers }) {
+async function answer({ id, model, rays: traces, provider, canvas, open, estimate, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
-    if (model) (session = load(model, provider)).catch((error) => postMessage({ error: error.message ?? String(error) }));
+    if (model) {
+      [rays, tile] = [traces, traces ? RAYS.tile : TILE];
+      (session = load(model, provider)).catch((error) => postMessage({ error: error.message ?? String(error) }));
+    }
     if (estimate) postMessage({ estimated: await estimated(estimate.photo, estimate.bytes) });
     if (open) {
       const one = await decoded("photo", open.photo);

@@ -15,6 +15,7 @@ from bokehnet.classical.rays_renderer import pupil_pattern
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.layers import GraphLayers
 from bokehnet.onnx_file.pictures import pad_to_multiple
+from bokehnet.onnx_file.polygon import Polygon
 from bokehnet.optics.aperture import Aperture
 from bokehnet.pupil_rays import (
     BINS,
@@ -148,12 +149,18 @@ def _surface_at(corners: Iterator[tuple[Value, Value]], slab: Slab) -> tuple[Val
 
 
 def _trace(
-    g: Graph, layers: GraphLayers, slabs: list[Value], tile: Value, pixels: Value, size: tuple[Value, Value]
+    g: Graph,
+    layers: GraphLayers,
+    slabs: list[Value],
+    tile: Value,
+    pixels: Value,
+    size: tuple[Value, Value],
+    points: tuple[Value, Value],
 ) -> Value:
     """Return the sums over the rays of sorted pixels, (N, _GROUPS * _NUMBERS)."""
     height, width = size
     count = pixels.size(0)
-    us, vs = (g.constant(axis) for axis in _points())
+    us, vs = points
     flat = [x.reshape(-1, 1) for x in (*layers.defocus, layers.coverage)]
     table = g.concat([*layers.colors, *flat], 1)
     last_x, last_y = (width - 1).astype(np.float32), (height - 1).astype(np.float32)
@@ -266,14 +273,17 @@ def _average_windows(g: Graph, sums: Value) -> Value:
     return front.cut(0, 0, 3) + (1 - front.cut(0, 3, 4)) * rest
 
 
-def render_rays(g: Graph, layers: GraphLayers, error_map: Value) -> Value:
+def render_rays(g: Graph, layers: GraphLayers, error_map: Value, polygon: Polygon | None = None) -> Value:
     """Return the rays' picture (3, H, W) where the error map (H, W) is above 0, else 0.
 
     Args:
         g: Open graph.
         layers: From :func:`bokehnet.onnx_file.layers.split_layers`.
         error_map: Weight of the rays over the scatter, (H, W).
+        polygon: Aperture in place of a disc, if it exists.
     """
+    u, v = _points()
+    points = (g.constant(u), g.constant(v)) if polygon is None else polygon.samples(u, v)
     height, width = error_map.size(0), error_map.size(1)
     slabs, tile_columns = _find_slabs(g, layers, height, width)
     rows, columns = (g.count_up(side) // TILE for side in (height, width))
@@ -282,7 +292,7 @@ def render_rays(g: Graph, layers: GraphLayers, error_map: Value) -> Value:
     used = (slabs[2] > -1e8).astype(np.int64).sum(0).take(tile.take(pixels))
     keys, _ = g.sorted(used * 2**40 + (pixels * -1 + 2**39))  # most slabs first, then in picture order
     pixels = (keys % 2**40 - 2**39) * -1
-    traced = _trace(g, layers, slabs, tile, pixels, (height, width))
+    traced = _trace(g, layers, slabs, tile, pixels, (height, width), points)
     sums = g.zeros(np.float32, height * width, _GROUPS * _NUMBERS)
     sums = g.op("ScatterND", sums, pixels.reshape(-1, 1), traced)
     return _average_windows(g, sums.transpose(1, 0).reshape(_GROUPS * _NUMBERS, height, width))

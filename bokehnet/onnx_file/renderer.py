@@ -22,6 +22,7 @@ from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
+from bokehnet.onnx_file.polygon import Polygon, read_polygon
 from bokehnet.onnx_file.rays import render_rays
 from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
@@ -90,8 +91,9 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
     ``bokeh`` (H, W, 3), scene-linear. The networks support only gamma 1; with any other the result is that of
-    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5. The rays have two optional
-    inputs for a known occluded background: ``background`` (H, W, 3) and ``background_disparity`` (H, W).
+    the engine ``scatter``. The rays support any gamma. It is clipped to 0.2 to 5. The rays have optional
+    inputs: for a known occluded background ``background`` (H, W, 3) and ``background_disparity`` (H, W); for
+    the aperture ``aperture`` (n, 2), the corners of a convex polygon in order, right and down in blur radii.
 
     Args:
         weights: Folder with the networks and their manifest; default: those of the engine. Not for ``rays``.
@@ -122,13 +124,16 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
     linear = gamma.reshape(1).equals(1)
 
     encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
-    blurred = scatter_beyond(g, encoded, defocus)
+    polygon = None
     if traces_rays:
+        polygon = read_polygon(g, g.optional_input("aperture", np.zeros((0, 2), np.float32), ["corners", 2]))
+    blurred = scatter_beyond(g, encoded, defocus, polygon)
+    if polygon is not None:
         shape = ["background_height", "background_width"]
         colors = g.optional_input("background", np.zeros((0, 0, 3), np.float32), [*shape, 3])
         behind = g.optional_input("background_disparity", np.zeros((0, 0), np.float32), shape)
         background = colors, defocus_from_disparity(behind, blur, focus)
-        blurred = _traced(g, image, defocus, blurred, gamma, background)
+        blurred = _traced(g, image, defocus, blurred, gamma, background, polygon)
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
@@ -155,7 +160,13 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
 
 def _traced(
-    g: Graph, image: Value, defocus: Value, smooth: Value, gamma: Value, background: tuple[Value, Value]
+    g: Graph,
+    image: Value,
+    defocus: Value,
+    smooth: Value,
+    gamma: Value,
+    background: tuple[Value, Value],
+    polygon: Polygon,
 ) -> Value:
     """Blend the rays through the layers of a picture with its scatter ``smooth``, both of encoded light."""
     linear = gamma.reshape(1).equals(1)
@@ -167,7 +178,7 @@ def _traced(
     def blended() -> Value:
         layers = split_layers(g, image, defocus, background)
         first, second = (encode(colors) for colors in layers.colors)
-        rays = render_rays(g, layers._replace(colors=(first, second)), error_map)
+        rays = render_rays(g, layers._replace(colors=(first, second)), error_map, polygon)
         return fuse(smooth, rays, error_map.reshape(1, defocus.size(0), defocus.size(1)))
 
     return g.branch(error_map.max() > 0, blended, lambda: smooth)

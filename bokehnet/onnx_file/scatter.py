@@ -16,7 +16,8 @@ from bokehnet.classical.scatter.pyramid_merging import TILE
 from bokehnet.classical.scatter_renderer import MAX_CONTINUATION
 from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
-from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs
+from bokehnet.onnx_file.polygon import Polygon
+from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs, spread_polygons
 
 __all__ = ["scatter", "scatter_beyond"]
 
@@ -88,14 +89,23 @@ def _merge(g: Graph, values: Value, defocus: Value) -> tuple[Value, Value, Value
     )
 
 
-def _spread(g: Graph, values: Value, defocus: Value) -> Value:
-    """Spread (4, H, W) over discs of any size; arguments and result as in ``spread_discs``."""
+def _spread(g: Graph, values: Value, defocus: Value, polygon: Polygon | None = None) -> Value:
+    """Spread (4, H, W) over discs or polygons of any size; arguments and result as in ``spread_discs``."""
+
+    def spread(values: Value, defocus: Value) -> Value:
+        if polygon is None:
+            return spread_discs(g, values, defocus)
+        return g.branch(
+            polygon.exists,
+            lambda: spread_polygons(g, polygon, values, defocus),
+            lambda: spread_discs(g, values, defocus),
+        )
 
     def descend(
         _: Value, __: Value, values: Value, defocus: Value, levels: Value
     ) -> tuple[list[Value], list[Value]]:
         values, defocus, coarse, coarse_defocus = _merge(g, values, defocus)
-        levels = g.append(levels, spread_discs(g, values, defocus))
+        levels = g.append(levels, spread(values, defocus))
         return [abs(coarse_defocus).max() > 0, coarse, coarse_defocus, levels], []
 
     start = [g.constant([True]), values, defocus, g.empty_sequence()]
@@ -110,32 +120,33 @@ def _spread(g: Graph, values: Value, defocus: Value) -> Value:
     return g.loop(climb, [g.at(levels, last)], times=last.reshape(1))[0]
 
 
-def scatter(g: Graph, image: Value, defocus: Value) -> Value:
+def scatter(g: Graph, image: Value, defocus: Value, polygon: Polygon | None = None) -> Value:
     """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter_inside` with a disc.
 
     Args:
         g: Open graph.
         image: Scene-linear picture, not negative, (3, H, W), float32.
         defocus: Signed blur radius in pixels, (H, W), float32.
+        polygon: Aperture in place of a disc, if it exists.
 
     Returns:
         Picture (3, H, W).
     """
     ones = g.op("Expand", g.constant(1, np.float32), g.sizes(1, defocus.size(0), defocus.size(1)))
     clipped = g.minimum(g.maximum(defocus, -LARGEST_RADIUS), LARGEST_RADIUS)
-    sums = _spread(g, g.concat([image, ones]), clipped)
+    sums = _spread(g, g.concat([image, ones]), clipped, polygon)
     weight = sums.cut(0, 3, 4)
     return g.where(weight > 0, sums.cut(0, 0, 3) / weight, image)
 
 
-def scatter_beyond(g: Graph, image: Value, defocus: Value) -> Value:
+def scatter_beyond(g: Graph, image: Value, defocus: Value, polygon: Polygon | None = None) -> Value:
     """Scatter a picture that continues beyond its border, as the engines do; arguments as for ``scatter``."""
     height, width = defocus.size(0), defocus.size(1)
     shorter = g.minimum(height, width).astype(np.float32)
     limit = g.op("Ceil", shorter * MAX_CONTINUATION)
     reach = g.minimum(g.op("Ceil", abs(defocus).max()), limit).astype(np.int64)
     radii = g.op("Pad", defocus, g.concat([reach, reach, reach, reach]), mode="edge")
-    bokeh = scatter(g, _beyond_border(g, image, reach), radii)
+    bokeh = scatter(g, _beyond_border(g, image, reach), radii, polygon)
     return bokeh.cut(1, reach, reach + height).cut(2, reach, reach + width)
 
 

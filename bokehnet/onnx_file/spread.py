@@ -1,4 +1,4 @@
-"""Spreading over discs as ONNX operators: ``classical.scatter.disc_scatter`` with arrays instead of loops.
+"""Spreading as ONNX operators: ``classical.scatter.disc_scatter`` with arrays instead of loops, and polygons.
 
 The picture is processed in blocks of source rows, from the top down. A canvas contains a block and the reach
 of its discs above and below; ``ScatterElements`` adds the ends of all discs to it, a few ends of every disc
@@ -9,6 +9,7 @@ canvas as running sums. Memory beyond the picture is that of a block.
 lost where an index repeats.
 """
 
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 
@@ -16,8 +17,9 @@ import numpy as np
 
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, disc_table, list_row
 from bokehnet.onnx_file.builder import END, Graph, Value
+from bokehnet.onnx_file.polygon import Polygon
 
-__all__ = ["CHANNELS", "TABLE_RADIUS", "spread_discs"]
+__all__ = ["CHANNELS", "TABLE_RADIUS", "spread_discs", "spread_polygons"]
 
 CHANNELS = 4
 
@@ -147,6 +149,39 @@ def _add_discs(g: Graph, canvas: list[Value], values: Value, defocus: Value, rea
     return g.loop(add, canvas, times=max_packs)
 
 
+def _add_polygons(
+    g: Graph, polygon: Polygon, canvas: list[Value], values: Value, defocus: Value, reach: Value
+) -> list[Value]:
+    """Add the ends of the polygons of one block, row by row; arguments as for ``_add_discs``."""
+    width = defocus.size(1)
+    flat = defocus.reshape(-1)
+    spread = (abs(flat) > SMALLEST_RADIUS).astype(np.int64).sum(0, keep=True)
+    size, indices = g.sorted(abs(flat), spread)
+    radius = flat.take(indices)
+    centre_row, centre_column = indices // width + reach, (indices % width).astype(np.float32) + 0.5
+    colors = values.reshape(CHANNELS, -1).take(indices, axis=1) / (size * size * polygon.area)
+
+    def add(iteration: Value, *canvas: Value) -> tuple[list[Value], list[Value]]:
+        row = iteration.reshape(1) - reach
+        active = (size + 0.5 > abs(row).astype(np.float32)).astype(np.int64).sum(0, keep=True)
+        left, right, covered = polygon.mean_ends(radius.cut(0, 0, active), row)
+        line = (centre_row.cut(0, 0, active) + row) * (width + 1)
+        sums = list(canvas)
+        for end, strength in ((left, covered), (right, -covered)):
+            edge = g.minimum((centre_column.cut(0, 0, active) + end).clip(0.0), width.astype(np.float32))
+            cell = g.minimum(g.floor(edge).astype(np.int64), width - 1)
+            beyond = edge - cell.astype(np.float32)
+            for index, share in ((line + cell, 1 - beyond), (line + cell + 1, beyond)):
+                for c in range(CHANNELS):
+                    light = colors.cut(0, c, c + 1).reshape(-1).cut(0, 0, active) * share * strength
+                    sums[c] = g.op(
+                        "ScatterElements", sums[c], index, light.astype(np.float64), axis=0, reduction="add"
+                    )
+        return sums, []
+
+    return g.loop(add, canvas, times=reach * 2 + 1)
+
+
 def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
     """Scatter every pixel over its disc and sum, as ``bokehnet.classical.scatter.disc_scatter``.
 
@@ -158,6 +193,24 @@ def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
     Returns:
         Sums (4, H, W), float32.
     """
+    return _spread(g, values, defocus, _add_discs)
+
+
+def spread_polygons(g: Graph, polygon: Polygon, values: Value, defocus: Value) -> Value:
+    """Scatter every pixel over the polygon, mirrored for a negative radius; else as :func:`spread_discs`."""
+
+    def add(g: Graph, canvas: list[Value], values: Value, defocus: Value, reach: Value) -> list[Value]:
+        return _add_polygons(g, polygon, canvas, values, defocus, reach)
+
+    return _spread(g, values, defocus, add)
+
+
+# Adds the light of a block to the canvas; arguments and result as for ``_add_discs``.
+_Add = Callable[[Graph, list[Value], Value, Value, Value], list[Value]]
+
+
+def _spread(g: Graph, values: Value, defocus: Value, add: _Add) -> Value:
+    """Return the sums of all blocks, (4, H, W), float32."""
     height, width = defocus.size(0), defocus.size(1)
     reach = (abs(defocus).max() + _MARGIN_PX).astype(np.int64)
     rows = g.maximum(reach * 2, _BLOCK_ROWS)
@@ -166,7 +219,7 @@ def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
 
     def band(iteration: Value, *canvas: Value) -> tuple[list[Value], list[Value]]:
         top, bottom = rows * iteration, rows * (iteration + 1)
-        sums = _add_discs(g, list(canvas), values.cut(1, top, bottom), defocus.cut(0, top, bottom), reach)
+        sums = add(g, list(canvas), values.cut(1, top, bottom), defocus.cut(0, top, bottom), reach)
         finished = [
             g.op("CumSum", x.cut(0, 0, leaving).reshape(1, rows, width + 1), g.constant(2)) for x in sums
         ]

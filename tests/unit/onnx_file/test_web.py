@@ -153,6 +153,26 @@ def test_the_page_renders_other_files(engine, folder, address, page):
 
 
 @pytest.mark.slow
+def test_the_quality_is_a_choice_of_the_page(folder, address, page):
+    """Authority: ONNX Runtime on the CPU with the file of the rays; tiles as large as the picture."""
+    model = build_model(engine="rays")
+    (folder / "rays.onnx").write_bytes(model.SerializeToString())
+    page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K=6&focus={FOCUS}")
+    (folder / "fast.png").write_bytes(rendered(page)[1])
+    page.locator("summary", has_text="More").click()
+    page.select_option("[name=quality]", "rays.onnx")
+    page.wait_for_function("/Rendering/.test(document.querySelector('#status').textContent)")
+    (folder / "rays.png").write_bytes(rendered(page)[1])
+    fed = {"image": read_image(folder / "photo.png"), "disparity": read_disparity(folder / "disparity.png")}
+    fed |= {"K": 6, "focus": FOCUS, "gamma": 1}
+    fed = {name: np.asarray(value, np.float32) for name, value in fed.items()}
+    expected = linear_to_srgb(np.clip(start(model).run(None, fed)[0], 0, 1))
+    fast, rays = (linear_to_srgb(read_image(folder / f"{name}.png")) for name in ("fast", "rays"))
+    assert decibels(rays, expected) > 50
+    assert decibels(fast, expected) < 45
+
+
+@pytest.mark.slow
 def test_a_picture_in_tiles_is_the_whole_one(folder, address, page):
     """The package renders all at once; the page in four tiles of at most 64 pixels and their surroundings."""
     worker = folder / "worker.js"
