@@ -12,6 +12,7 @@ from bokehnet.classical.highlight_detection import are_lights, light_limit
 from bokehnet.classical.layered.background.exemplar_inpainting import MAX_TEXTURE_DISTANCE_PX, inpaint_texture
 from bokehnet.classical.layered.background.inpainting_order import occluded_rings
 from bokehnet.classical.layered.background.structure_transport import continue_lines
+from bokehnet.classical.layered.background.surface_boundaries import smooth_boundaries
 from bokehnet.classical.layered.depth_discontinuities import (
     DISCONTINUITY_THRESHOLD,
     STEP_TILE,
@@ -350,6 +351,7 @@ def occluded_background(
         return colors, depths
     smooth_colors, smooth_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
     with parallel_region:
+        smooth_boundaries(ys, xs, defocus, distances, colors, depths)
         _limit_brightness(ys, xs, limit, colors)
         _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
         _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
