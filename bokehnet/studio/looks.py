@@ -19,13 +19,21 @@ def settings_of_new_picture(inputs: Mapping[str, Any], preset: str) -> RenderSet
 
 
 def settings_with_depth(settings: RenderSettings, inputs: Mapping[str, Any]) -> RenderSettings:
-    """Return settings with another depth, and without what belongs to the present one."""
+    """Return settings with another depth, and without what belongs to the present one; the look stays."""
     kept = {
         group: fields
         for group, fields in settings.to_table().items()
         if group not in (InputSettings.GROUP, "depth", "focus", "camera")
     }
+    for group in ("focus", "camera"):
+        kept[group] = _look_of_group(settings, group)
     return RenderSettings().updated({**kept, InputSettings.GROUP: dict(inputs)})
+
+
+def _look_of_group(settings: RenderSettings, group: str) -> dict[str, Any]:
+    """Return the fields of a group that presets may set."""
+    fields = settings.to_table().get(group, {})
+    return {key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].allowed_in_preset}
 
 
 def settings_with_preset(settings: RenderSettings, preset: str) -> RenderSettings:

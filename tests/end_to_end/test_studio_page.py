@@ -318,7 +318,12 @@ def test_a_file_that_cannot_be_opened_is_reported_and_the_picture_stays(
     until(page, "document.querySelector('#error').textContent !== ''")
     assert message in page.locator("#error").inner_text()
     assert (pixels(page) == before).all()
+    size = page.viewport_size
+    settle(page, lambda: page.set_viewport_size({**size, "width": size["width"] - 300}))
+    assert message in page.locator("#error").inner_text(), "only an action of the user may erase it"
     settle(page, lambda: put(page, "#focus", 0.5))
+    assert page.locator("#error").inner_text() == ""
+    page.set_viewport_size(size)
 
 
 def test_before_and_after(page, files, pixels):

@@ -14,7 +14,7 @@ const [stage, sheet, result, before, over, marks] = ["stage", "sheet", "result",
 
 const now = {
   state: null, facts: {}, tool: "focus", cursor: null, path: null, tap: null, turned: null, loupe: false, beforeOf: "",
-  pointer: null, trace: null, comparing: false, missing: false,
+  pointer: null, trace: null, comparing: false, missing: false, renderFailed: false,
 };
 
 const TINTS = { nearer: "#f58c2888", farther: "#3c78eb88", same: "#ffffff66", sharp: "#46e67888", hidden: "#b45ae688" };
@@ -49,7 +49,8 @@ async function render({ changes, preset, begun, kind }) {
   running = control;
   first = false;
   clearFaults();
-  showMessage("", "error");
+  if (kind !== "other" || now.renderFailed) showMessage("", "error"); // else it may be the error of a file
+  now.renderFailed = false;
   const size = { width: result.width, height: result.height };
   try {
     for await (const picture of frames("preview", { changes, preset, held, ...size }, control.signal)) {
@@ -80,6 +81,7 @@ async function render({ changes, preset, begun, kind }) {
   } catch (error) {
     if (error.name === "AbortError" || control.signal.aborted) return;
     showError(error);
+    now.renderFailed = true;
   } finally {
     if (running === control) {
       running = null;
@@ -137,9 +139,10 @@ function showError(error) {
   if (!error.path || !showFault(error.path, error.message)) showMessage(error.message, "error");
 }
 
+/** Show the errors of an action; an event of the user erases an earlier one. */
 const safely = (action) => async (...values) => {
   try {
-    showMessage("", "error");
+    if (values[0] instanceof Event) showMessage("", "error");
     await action(...values);
   } catch (error) {
     showError(error);

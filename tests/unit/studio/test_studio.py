@@ -508,6 +508,19 @@ def test_files_that_nothing_needs_any_more_are_removed(client, session, files, f
     assert frames(client.post("api/preview", json=requested).content)[-1][0]["stage"] == "scatter"
 
 
+def test_the_look_stays_when_a_depth_map_arrives(client, files):
+    assert "miniature" in presets()
+    client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+    client.post("api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes())
+    client.post("api/preview", json=ASKED | {"preset": "miniature"})
+    client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+    state = client.post(
+        "api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes()
+    ).json()
+    assert state["preset"] == "miniature"
+    assert state["settings"]["focus"]["tilt_x"] == 70
+
+
 def test_an_exr_with_depth_opens_with_its_own(client, session, tmp_path, write_channels):
     y, x = np.mgrid[:48, :64].astype(np.float32)
     write_channels(tmp_path / "shot.exr", R=x / 64, G=y / 48, B=x * 0 + 0.2, Z=1 + x / 16)
