@@ -14,12 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 
-from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
-from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
+from bokehnet.optics.pixels.resampling import bilinear
 
 __all__ = ["DISTANCES_PX", "EdgeProfile", "EdgeSamples", "sample_edges"]
 
@@ -210,26 +208,8 @@ def _smooth(values: np.ndarray) -> np.ndarray:
     return smooth
 
 
-@njit(cache=True, parallel=True)
-def _interpolate(values, rows, columns, result):  # type: ignore[no-untyped-def]
-    """Write values (C, H, W) at positions (N,) within the map to ``result`` (C, N), bilinearly."""
-    one, last_row, last_column = np.float32(1), values.shape[1] - 1, values.shape[2] - 1
-    for i in prange(rows.size):
-        top, left = int(rows[i]), int(columns[i])
-        bottom, right = min(top + 1, last_row), min(left + 1, last_column)
-        y, x = np.float32(rows[i] - top), np.float32(columns[i] - left)
-        for c in range(values.shape[0]):
-            upper = values[c, top, left] * (one - x) + values[c, top, right] * x
-            lower = values[c, bottom, left] * (one - x) + values[c, bottom, right] * x
-            result[c, i] = upper * (one - y) + lower * y
-
-
 def _sample(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Interpolate values (C, H, W) at places (2, ...), clipped to the image; returns (C, ...)."""
     height, width = values.shape[1:]
-    limits = (height - 1.001, width - 1.001)
-    y, x = (np.clip(place, 0, limit).ravel() for place, limit in zip(places, limits, strict=True))
-    result = np.empty((len(values), y.size), values.dtype)
-    with parallel_region:
-        _interpolate(np.ascontiguousarray(values), y, x, result)
-    return result.reshape(len(values), *places.shape[1:])
+    y, x = (np.clip(place, 0, side - 1.001) for place, side in zip(places, (height, width), strict=True))
+    return bilinear(values, y, x, np.float32)

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import Array, array_namespace
+from bokehnet.kernels import njit
 
 __all__ = ["bilinear", "inside", "sample"]
 
@@ -55,14 +56,26 @@ def bilinear(
     Returns:
         The leading axes of ``values``, then those of the positions.
     """
-    height, width = values.shape[-2:]
-    top, left = rows.astype(np.intp), columns.astype(np.intp)
-    bottom, right = np.minimum(top + 1, height - 1) * width, np.minimum(left + 1, width - 1)
+    shape = rows.shape
+    planes = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
+    rows, columns = (np.ascontiguousarray(x, np.float64).ravel() for x in (rows, columns))
+    top, left = rows.astype(np.int64), columns.astype(np.int64)
     y, x = (rows - top).astype(dtype), (columns - left).astype(dtype)
-    flat, top = values.reshape(*values.shape[:-2], height * width), top * width
-    upper = flat[..., top + left] * (1 - x) + flat[..., top + right] * x
-    lower = flat[..., bottom + left] * (1 - x) + flat[..., bottom + right] * x
-    return upper * (1 - y) + lower * y
+    result = np.empty((len(planes), rows.size), np.result_type(planes, y))
+    _blend_neighbors(planes, top, left, y, x, result)
+    return result.reshape((*values.shape[:-2], *shape))
+
+
+@njit(cache=True)
+def _blend_neighbors(planes, top, left, y, x, result):  # type: ignore[no-untyped-def]
+    """Write the mean of four pixels of (C, H, W) with the weights ``y`` and ``x``, (N,), to (C, N)."""
+    one, height, width = np.float32(1), planes.shape[1], planes.shape[2]
+    for i in range(top.size):
+        bottom, right = min(top[i] + 1, height - 1), min(left[i] + 1, width - 1)
+        for c in range(planes.shape[0]):
+            upper = planes[c, top[i], left[i]] * (one - x[i]) + planes[c, top[i], right] * x[i]
+            lower = planes[c, bottom, left[i]] * (one - x[i]) + planes[c, bottom, right] * x[i]
+            result[c, i] = upper * (one - y[i]) + lower * y[i]
 
 
 def inside(places: Array, height: int, width: int) -> Array:
