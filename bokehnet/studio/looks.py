@@ -25,15 +25,21 @@ def settings_with_depth(settings: RenderSettings, inputs: Mapping[str, Any]) -> 
         for group, fields in settings.to_table().items()
         if group not in (InputSettings.GROUP, "depth", "focus", "camera")
     }
-    for group in ("focus", "camera"):
-        kept[group] = _look_of_group(settings, group)
+    look = _fields(settings, of_look=True)
+    kept |= {group: look[group] for group in ("focus", "camera") if group in look}
     return RenderSettings().updated({**kept, InputSettings.GROUP: dict(inputs)})
 
 
-def _look_of_group(settings: RenderSettings, group: str) -> dict[str, Any]:
-    """Return the fields of a group that presets may set."""
-    fields = settings.to_table().get(group, {})
-    return {key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].allowed_in_preset}
+def _fields(settings: RenderSettings, *, of_look: bool) -> dict[str, dict[str, Any]]:
+    """Return the fields by group that presets may set, or all others."""
+    return {
+        group: {
+            key: value
+            for key, value in fields.items()
+            if all_settings()[f"{group}.{key}"].allowed_in_preset == of_look
+        }
+        for group, fields in settings.to_table().items()
+    }
 
 
 def settings_with_preset(settings: RenderSettings, preset: str) -> RenderSettings:
@@ -42,14 +48,7 @@ def settings_with_preset(settings: RenderSettings, preset: str) -> RenderSetting
     Raises:
         ConfigError: There is no such preset, or its name is that of a file.
     """
-    without_look = {
-        group: {
-            key: value
-            for key, value in fields.items()
-            if not all_settings()[f"{group}.{key}"].allowed_in_preset
-        }
-        for group, fields in settings.to_table().items()
-    }
+    without_look = _fields(settings, of_look=False)
     if preset == "":
         return RenderSettings().updated(without_look)
     if "/" in preset or "\\" in preset or preset.endswith(".toml"):

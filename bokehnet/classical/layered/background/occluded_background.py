@@ -12,7 +12,7 @@ from bokehnet.classical.highlight_detection import are_lights, light_limit
 from bokehnet.classical.layered.background.exemplar_inpainting import MAX_TEXTURE_DISTANCE_PX, inpaint_texture
 from bokehnet.classical.layered.background.inpainting_order import occluded_rings
 from bokehnet.classical.layered.background.structure_transport import continue_lines
-from bokehnet.classical.layered.background.surface_boundaries import smooth_boundaries
+from bokehnet.classical.layered.background.surface_boundaries import smooth_boundaries, write_occluded
 from bokehnet.classical.layered.depth_discontinuities import (
     DISCONTINUITY_THRESHOLD,
     STEP_TILE,
@@ -241,16 +241,6 @@ def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_dep
 
 
 @njit(cache=True, parallel=True)
-def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):
-    """Set the occluded background, (N), nowhere in front of its occluder."""
-    for i in prange(len(ys)):
-        y, x = ys[i], xs[i]
-        depths[y, x] = min(smooth_depths[i], defocus[y, x])
-        for c in range(3):
-            colors[y, x, c] = smooth_colors[i, c]
-
-
-@njit(cache=True, parallel=True)
 def _blend_inpainted(ys, xs, distances, lines, textures, colors):
     """Blend the occluded background, (N), from the mean of two estimates at the edge to ``colors`` inside."""
     for i in prange(len(ys)):
@@ -354,7 +344,7 @@ def occluded_background(
         smooth_boundaries(ys, xs, defocus, distances, colors, depths)
         _limit_brightness(ys, xs, limit, colors)
         _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
-        _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
+        write_occluded(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
         near = occluded.within(_MAX_LINE_DISTANCE_PX)
         ys, xs = near.ys, near.xs

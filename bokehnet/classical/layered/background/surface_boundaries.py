@@ -12,7 +12,7 @@ from numba import prange
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD, are_one_surface
 from bokehnet.kernels import njit
 
-__all__ = ["smooth_boundaries"]
+__all__ = ["smooth_boundaries", "write_occluded"]
 
 # Distance from the edge of the occluder, pixels, from which boundaries are smoothed: next to the edge the
 # surfaces of the directions are reliable.
@@ -85,11 +85,13 @@ def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_
 
 
 @njit(cache=True, parallel=True)
-def _write(ys, xs, new_colors, new_depths, colors, depths):
+def write_occluded(ys, xs, defocus, new_colors, new_depths, colors, depths):
+    """Set the occluded background, (N), nowhere in front of its occluder."""
     for i in prange(len(ys)):
-        depths[ys[i], xs[i]] = new_depths[i]
+        y, x = ys[i], xs[i]
+        depths[y, x] = min(new_depths[i], defocus[y, x])
         for c in range(3):
-            colors[ys[i], xs[i], c] = new_colors[i, c]
+            colors[y, x, c] = new_colors[i, c]
 
 
 def smooth_boundaries(
@@ -113,4 +115,4 @@ def smooth_boundaries(
     new_colors, new_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
     for _ in range(_PASSES):
         _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths)
-        _write(ys, xs, new_colors, new_depths, colors, depths)
+        write_occluded(ys, xs, defocus, new_colors, new_depths, colors, depths)
