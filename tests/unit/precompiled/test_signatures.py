@@ -1,6 +1,7 @@
 """Kernels of the default paths are compiled ahead: the list of signatures has every one that Python calls."""
 
 import ast
+import re
 from pathlib import Path
 
 from tools.kernel_library import read_signatures
@@ -47,3 +48,20 @@ def test_kernels_that_python_calls_are_listed():
     }
     assert len(called) > 40
     assert called - {name for name, _ in read_signatures()} == WITH_TORCH
+
+
+def test_listed_arguments_fit_the_kernels():
+    """A kernel whose parameters changed is compiled ahead only if its line changes with it."""
+    functions = {
+        f"{path.stem}.{node.name}": node.args
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef) and decorated(node, ("njit",))
+    }
+    listed = read_signatures()
+    assert len(listed) > 100
+    for name, description in listed:
+        call = ast.parse("f" + re.sub(r"\[\w+\]", "", description), mode="eval").body
+        count, parameters = len(call.args), functions[name]
+        most = len(parameters.args)
+        assert most - len(parameters.defaults) <= count <= most, f"{name}: {count} arguments are listed"

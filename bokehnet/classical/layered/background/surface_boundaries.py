@@ -35,8 +35,11 @@ def _continues(depths, y, x, down, right, nearest):
 
 
 @njit(cache=True, parallel=True)
-def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths):
-    """Write the surface of the median of each pixel's window, (N,), or its own if both are one surface."""
+def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths, mixed):
+    """Write the surface of the median of each pixel's window, (N,), or its own if both are one surface.
+
+    ``mixed`` (N,) becomes True where a window has more than one surface.
+    """
     height, width = depths.shape
     side = 2 * _REACH + 1
     for i in prange(len(ys)):
@@ -44,8 +47,6 @@ def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_
         new_depths[i] = depths[y, x]
         for c in range(3):
             new_colors[i, c] = colors[y, x, c]
-        if distances[y, x] < _MIN_DISTANCE_PX:
-            continue
         spacing = min(max(int(round(distances[y, x] * _SPACING_BY_DISTANCE)), 1), _MAX_SPACING_PX)
         values, count = np.empty(side * side, np.float32), 0
         low, high, nearest = np.inf, -np.inf, defocus[y, x] - DISCONTINUITY_THRESHOLD
@@ -55,7 +56,8 @@ def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_
                 values[count] = depths[v, u]
                 low, high = min(low, values[count]), max(high, values[count])
                 count += 1
-        if count == 0 or high - low <= DISCONTINUITY_THRESHOLD:
+        mixed[i] = high - low > DISCONTINUITY_THRESHOLD
+        if not mixed[i]:
             continue
         if (
             _continues(depths, y, x, 0, spacing, nearest)
@@ -112,7 +114,10 @@ def smooth_boundaries(
         colors: Occluded background, (H, W, 3); overwritten at the occluded pixels.
         depths: Its defocus, (H, W); overwritten there.
     """
-    new_colors, new_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
+    mixed = distances[ys, xs] >= _MIN_DISTANCE_PX
     for _ in range(_PASSES):
-        _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths)
+        ys, xs = ys[mixed], xs[mixed]
+        new_colors, new_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
+        mixed = np.empty(len(ys), np.bool_)
+        _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths, mixed)
         write_occluded(ys, xs, defocus, new_colors, new_depths, colors, depths)
