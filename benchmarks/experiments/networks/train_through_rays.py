@@ -44,7 +44,7 @@ _REACH_PX = 3
 
 # Side of a crop in pixels, crops per step, pupil samples, and the largest blur of a view in pixels, which is
 # the margin of a crop without loss.
-_CROP_PX, _BATCH, _SAMPLES, _MAX_BLUR_PX = 60, 2, 4, 10
+CROP_PX, _BATCH, _SAMPLES, MAX_BLUR_PX = 60, 2, 4, 10
 
 # Candidates of a crop, and the minimum difference of neighbours at a depth edge, as a fraction of the range;
 # a crop without a depth edge teaches nothing.
@@ -60,6 +60,8 @@ _DEPTH_RATE, _RATE = 2e-3, 5e-4
 
 # Steps between checkpoints.
 _SAVE_EVERY = 100
+
+Batch = dict[str, Tensor]
 
 
 class Corrector(nn.Module):
@@ -100,7 +102,7 @@ def _extremes(disparity: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _View:
+class View:
     """Scene with a map as the default repair leaves it; ``truth`` (H, W, 3) is the traced picture."""
 
     image: np.ndarray
@@ -111,17 +113,18 @@ class _View:
     focus: float
 
 
-def _training_views(folder: Path, count: int, seed: int) -> list[_View]:
+def training_views(folder: Path, count: int, seed: int) -> list[View]:
+    """Return the views of the first ``count`` scenes that are blurred little enough for a crop."""
     repair, rng, views = DisparityRepair(), np.random.default_rng(seed), []
-    for sample in tqdm([x for _, x in zip(range(count), _samples(folder), strict=False)], desc="maps"):
+    for sample in tqdm([x for _, x in zip(range(count), samples_of(folder), strict=False)], desc="maps"):
         image, true = sample.image.astype(np.float32), sample.disparity
         for view, (blur, focus) in enumerate(zip(sample.blur, sample.focus, strict=True)):
-            if np.abs(defocus_from_disparity(true, blur, focus)).max() > _MAX_BLUR_PX:
+            if np.abs(defocus_from_disparity(true, blur, focus)).max() > MAX_BLUR_PX:
                 continue
             wrong = repair(image, augment_disparity(true, rng, image), "auto")
             truth = sample.bokeh[view].astype(np.float32)
             views.append(
-                _View(
+                View(
                     image=image,
                     true=true,
                     repaired=wrong,
@@ -133,27 +136,28 @@ def _training_views(folder: Path, count: int, seed: int) -> list[_View]:
     return views
 
 
-def _samples(folder: Path) -> Iterator[TrainingSample]:
+def samples_of(folder: Path) -> Iterator[TrainingSample]:
+    """Return the scenes of a folder of shards."""
     shards = ShardSet(folder)
     return (shards[number] for number in range(len(shards)))
 
 
-def _busy_window(true: np.ndarray, rng: np.random.Generator) -> tuple[slice, slice]:
+def busy_window(true: np.ndarray, rng: np.random.Generator) -> tuple[slice, slice]:
     """Return the window with the most depth edges of a few random ones."""
     edges = np.zeros(true.shape, bool)
     edges[1:] |= np.abs(np.diff(true, axis=0)) > _MIN_STEP * np.ptp(true)
     edges[:, 1:] |= np.abs(np.diff(true, axis=1)) > _MIN_STEP * np.ptp(true)
-    tops, lefts = (rng.integers(max(1, side - _CROP_PX + 1), size=_CANDIDATE_CROPS) for side in true.shape)
-    windows = [np.s_[y : y + _CROP_PX, x : x + _CROP_PX] for y, x in zip(tops, lefts, strict=True)]
+    tops, lefts = (rng.integers(max(1, side - CROP_PX + 1), size=_CANDIDATE_CROPS) for side in true.shape)
+    windows = [np.s_[y : y + CROP_PX, x : x + CROP_PX] for y, x in zip(tops, lefts, strict=True)]
     return max(windows, key=lambda window: int(edges[window].sum()))
 
 
-def _batch(views: list[_View], rng: np.random.Generator, count: int) -> dict[str, Tensor]:
+def _batch(views: list[View], rng: np.random.Generator, count: int) -> Batch:
     """Draw crops at depth edges."""
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("image", "map", "true", "truth", "numbers")}
     for _ in range(count):
         view = views[int(rng.integers(len(views)))]
-        window = _busy_window(view.true, rng)
+        window = busy_window(view.true, rng)
         source = view.true if rng.random() < _TRUE_FRACTION else view.repaired
         rows["image"].append(view.image[window].transpose(2, 0, 1))
         rows["map"].append(source[window][None])
@@ -172,7 +176,7 @@ def _render(image: Tensor, disparity: Tensor, numbers: Tensor) -> Tensor:
     return layered(first, radius, background, coverage, samples=_SAMPLES)
 
 
-def _depth_error(network: Corrector, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+def _depth_error(network: Corrector, batch: Batch) -> tuple[Tensor, Tensor]:
     """Return the cross entropy of the positions after and before correction."""
     before, after, width = network.positions(batch["image"], batch["map"])
     target = ((batch["true"] - _extremes(batch["map"])[0]) / width.clamp(min=1e-6)).clamp(0, 1)
@@ -181,9 +185,9 @@ def _depth_error(network: Corrector, batch: dict[str, Tensor]) -> tuple[Tensor, 
     return errors[0], errors[1].detach()
 
 
-def _picture_error(network: Corrector, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+def _picture_error(network: Corrector, batch: Batch) -> tuple[Tensor, Tensor]:
     """Return the error of the rendered picture after and before correction."""
-    inside = (..., slice(_MAX_BLUR_PX, -_MAX_BLUR_PX), slice(_MAX_BLUR_PX, -_MAX_BLUR_PX))
+    inside = (..., slice(MAX_BLUR_PX, -MAX_BLUR_PX), slice(MAX_BLUR_PX, -MAX_BLUR_PX))
     truth = encode(batch["truth"])
 
     def error(disparity: Tensor) -> Tensor:
@@ -196,18 +200,22 @@ def _picture_error(network: Corrector, batch: dict[str, Tensor]) -> tuple[Tensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Phase:
-    """Part of a training: its loss, learning rate, crops per step and steps."""
+class Phase:
+    """Part of a training: its crops, its error after and before correction, learning rate and steps.
+
+    ``draw`` gets a random generator and the number of crops.
+    """
 
     name: str
-    error: Callable[[Corrector, dict[str, Tensor]], tuple[Tensor, Tensor]]
+    draw: Callable[[np.random.Generator, int], Batch]
+    error: Callable[[Any, Batch], tuple[Tensor, Tensor]]
     rate: float
     crops: int
     steps: int
 
 
-def train(network: Corrector, views: list[_View], phase: _Phase, seed: int, path: Path) -> list[float]:
-    """Train or resume; return the error over that of the uncorrected maps, by tenths of the run."""
+def train(network: nn.Module, phase: Phase, seed: int, path: Path) -> list[float]:
+    """Train or resume; return the error over that before correction, by tenths of the run."""
     optimizer = torch.optim.Adam(network.parameters(), phase.rate)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, phase.rate, phase.steps + 1, pct_start=0.1)
     ratios: list[tuple[float, float]] = []
@@ -219,7 +227,7 @@ def train(network: Corrector, views: list[_View], phase: _Phase, seed: int, path
         for name, part in parts.items():
             part.load_state_dict(state[name])
     for step in tqdm(range(first, phase.steps), desc=f"{phase.name}, seed {seed}", mininterval=10):
-        batch = _batch(views, np.random.default_rng([seed, phase.crops, step]), phase.crops)
+        batch = phase.draw(np.random.default_rng([seed, phase.crops, step]), phase.crops)
         error, before = phase.error(network, batch)
         optimizer.zero_grad()
         error.backward()
@@ -245,7 +253,7 @@ def score(folder: Path, count: int, networks: dict[str, Corrector]) -> dict[str,
     """Return the edge PSNR of the package's rays in dB by method and kind of map."""
     repair = DisparityRepair()
     sums: dict[str, dict[str, list[float]]] = {}
-    for sample in tqdm(list(_samples(folder))[:count], desc="scores"):
+    for sample in tqdm(list(samples_of(folder))[:count], desc="scores"):
         image, truth = sample.image.astype(np.float32), sample.bokeh[0].astype(np.float32)
         blur, focus = sample.blur[0], sample.focus[0]
         true = defocus_from_disparity(sample.disparity, blur, focus)
@@ -278,16 +286,28 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     arguments.checkpoints.mkdir(parents=True, exist_ok=True)
-    views = _training_views(arguments.training, arguments.scenes, 0)
+    views = training_views(arguments.training, arguments.scenes, 0)
+
+    def draw(rng: np.random.Generator, count: int) -> Batch:
+        return _batch(views, rng, count)
+
     phases = (
-        _Phase(
+        Phase(
             name="depth",
+            draw=draw,
             error=_depth_error,
             rate=_DEPTH_RATE,
             crops=_DEPTH_BATCH,
             steps=arguments.depth_steps,
         ),
-        _Phase(name="rays", error=_picture_error, rate=_RATE, crops=_BATCH, steps=arguments.steps),
+        Phase(
+            name="rays",
+            draw=draw,
+            error=_picture_error,
+            rate=_RATE,
+            crops=_BATCH,
+            steps=arguments.steps,
+        ),
     )
     networks: dict[str, Corrector] = {}
     curves: dict[str, list[float]] = {}
@@ -297,7 +317,7 @@ def main() -> None:
         for phase in phases:
             name, begun = f"{phase.name}, seed {seed}", time.process_time()
             path = arguments.checkpoints / f"{phase.name}_{seed}.pt"
-            curves[name] = train(network, views, phase, seed, path)
+            curves[name] = train(network, phase, seed, path)
             networks[name] = copy.deepcopy(network).eval()
             minutes = (time.process_time() - begun) / 60
             print(f"{name}: {minutes:.1f} processor minutes; error over the uncorrected map's, by tenths:")

@@ -79,16 +79,14 @@ def _outline(view: View, mask: Mask) -> float:
     values, step = view.values, view.search.edge_step
     inner = eroded(mask, 1)
     rim = mask & ~inner
-    far = filtered(values, 3, np.minimum)
-    near = filtered(values, 3, np.maximum)
     inside = np.where(mask, values, -np.inf)
     inside = filtered(inside, 2, np.maximum)
     rim[0], rim[:, 0], rim[:, -1] = False, False, False
     rim[-1] = False
     if not rim.any():
         return 0.0
-    ahead = far[rim] < values[rim] - step
-    behind = (near[rim] > inside[rim] + step) & ~ahead
+    ahead = view.far[rim] < values[rim] - step
+    behind = (view.near[rim] > inside[rim] + step) & ~ahead
     return float((ahead + 0.4 * behind).mean())
 
 

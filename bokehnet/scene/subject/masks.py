@@ -1,6 +1,6 @@
 """Filters of small masks and maps, and connected components."""
 
-from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,7 @@ __all__ = ["dilated", "eroded", "filtered", "label", "median3"]
 
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+Grid = TypeVar("Grid", Array, Mask)
 
 
 def median3(values: Array) -> Array:
@@ -19,26 +20,33 @@ def median3(values: Array) -> Array:
     return np.asarray(np.median(shifted, axis=0), np.float32)
 
 
-def filtered(values: Array, radius: int, choose: Callable[[Array, Array], Array]) -> Array:
-    """Return the minimum or maximum over a square of ``radius`` pixels, borders repeated, (H, W)."""
+def filtered(values: Grid, radius: int, choose: np.ufunc) -> Grid:
+    """Return the minimum or maximum over a square of ``radius`` pixels, borders repeated, (H, W).
+
+    Args:
+        values: Map or mask, (H, W).
+        radius: Half of the side of the square, pixels.
+        choose: Such as ``np.minimum``, or ``np.logical_and`` for masks.
+    """
     for axis in (0, 1):
-        padded = np.pad(values, [(radius, radius) if axis == one else (0, 0) for one in (0, 1)], mode="edge")
         length = values.shape[axis]
-        result = np.take(padded, range(length), axis)
+        inside = np.clip(np.arange(-radius, length + radius), 0, length - 1)
+        padded = np.moveaxis(np.take(values, inside, axis), axis, 0)
+        result = padded[:length].copy()
         for shift in range(1, 2 * radius + 1):
-            result = choose(result, np.take(padded, range(shift, shift + length), axis))
-        values = result
+            choose(result, padded[shift : shift + length], out=result)
+        values = np.moveaxis(result, 0, axis)
     return values
 
 
 def eroded(mask: Mask, radius: int) -> Mask:
     """Return the pixels whose square of ``radius`` pixels lies in the mask, (H, W)."""
-    return filtered(mask.astype(np.float32), radius, np.minimum) > 0
+    return filtered(mask, radius, np.logical_and)
 
 
 def dilated(mask: Mask, radius: int) -> Mask:
     """Return the pixels whose square of ``radius`` pixels meets the mask, (H, W)."""
-    return filtered(mask.astype(np.float32), radius, np.maximum) > 0
+    return filtered(mask, radius, np.logical_or)
 
 
 def label(mask: Mask) -> npt.NDArray[np.intp]:

@@ -7,12 +7,18 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.resample import resample
-from bokehnet.scene.subject.masks import label, median3
+from bokehnet.scene.subject.masks import filtered, label, median3
 
 __all__ = ["SubjectSearch", "View", "display", "grown"]
 
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+
+# Distance in coarse pixels over which a depth edge is seen from the outline of a candidate.
+_OUTLINE_PX = 3
+
+# Number of planes that are tried as ground.
+_PLANES = 200
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,6 +68,8 @@ class View:
         detail: Mean gradient of the full picture in each coarse pixel.
         prior: Preference for the centre and the thirds, 0 to 1.
         rank: Share of the picture that is farther than each pixel.
+        far: Least value around each pixel.
+        near: Largest value around each pixel.
     """
 
     def __init__(self, image: Array, disparity: Array, search: SubjectSearch) -> None:
@@ -85,6 +93,7 @@ class View:
             third_weight = np.exp(-(((x - third) / 0.13) ** 2) / 2 - ((y - 0.55) / 0.3) ** 2 / 2)
             self.prior = np.maximum(self.prior, 0.9 * third_weight)
         self.rank = np.searchsorted(np.sort(self.values, None), self.values) / self.values.size
+        self.far, self.near = (filtered(self.values, _OUTLINE_PX, end) for end in (np.minimum, np.maximum))
         self.ground = ground_of(self.values, search)
 
     def scaled_boxes(
@@ -132,22 +141,20 @@ def ground_of(values: Array, search: SubjectSearch) -> Mask:
     pool = np.flatnonzero(lower.ravel())
     flat, fx, fy = values.ravel(), xs.ravel(), ys.ravel()
     thinned = pool[:: max(1, pool.size // 2000)]
-    best, plane, nothing = 0.0, None, np.zeros(values.shape, bool)
+    nothing = np.zeros(values.shape, bool)
     if pool.size < 3:
         return nothing
-    for _ in range(200):
-        picks = rng.choice(pool, 3, replace=False)
-        system = np.stack([fx[picks], fy[picks], np.ones(3)], 1)
-        if abs(np.linalg.det(system)) < 1e-3:
-            continue
-        across, down, start = np.linalg.solve(system, flat[picks])
-        if down < 0.15 or abs(across) > 0.5 * down:
-            continue
-        error = np.abs(flat[thinned] - across * fx[thinned] - down * fy[thinned] - start)
-        share = float(np.mean(error < search.ground_tolerance))
-        if share > best:
-            best, plane = share, (across, down, start)
-    if plane is None or best < 0.2:
+    picks = np.stack([rng.choice(pool, 3, replace=False) for _ in range(_PLANES)])
+    systems = np.stack([fx[picks], fy[picks], np.ones(picks.shape)], 2)
+    valid = np.abs(np.linalg.det(systems)) >= 1e-3
+    planes = np.linalg.solve(systems[valid], flat[picks[valid]][..., None])[..., 0]
+    planes = planes[(planes[:, 1] >= 0.15) & (np.abs(planes[:, 0]) <= 0.5 * planes[:, 1])]
+    if not len(planes):
+        return nothing
+    on_planes = planes @ np.stack([fx[thinned], fy[thinned], np.ones(thinned.size)])
+    shares = (np.abs(flat[thinned] - on_planes) < search.ground_tolerance).mean(1)
+    plane = planes[np.argmax(shares)]
+    if shares.max() < 0.2:
         return nothing
     near_plane = np.abs(values - plane[0] * xs - plane[1] * ys - plane[2]) < search.ground_tolerance
     if near_plane[-max(height // 20, 1) :].mean() < 0.3:
