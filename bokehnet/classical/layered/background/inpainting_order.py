@@ -27,6 +27,12 @@ class OccludedRings(NamedTuple):
         ends = self.ends[: distance + 1]
         return OccludedRings(self.ys[: ends[-1]], self.xs[: ends[-1]], ends, self.rings)
 
+    def select(self, kept: np.ndarray) -> "OccludedRings":
+        """Return the pixels that ``kept``, (N,) bool, marks; the others become rings 0."""
+        ys, xs, rings = self.ys[kept], self.xs[kept], np.zeros_like(self.rings)
+        rings[ys, xs] = self.rings[ys, xs]
+        return OccludedRings(ys, xs, np.append(0, np.cumsum(kept))[self.ends], rings)
+
 
 def occluded_rings(distances: np.ndarray) -> OccludedRings:
     """Sort occluded pixels by distance; ``distances`` is (H, W), pixels, 0 where nothing is occluded."""

@@ -37,8 +37,11 @@ _SMOOTHING_REACH_PX = 2
 # certain they are to continue.
 _FADING_DISTANCE_PX = 16.0
 
-# Distance from the edge, pixels, beyond which lines have less than 1 / 140 of the weight and are left out.
-_MAX_LINE_DISTANCE_PX = int(5 * _FADING_DISTANCE_PX)
+# Distance from the edge, pixels, beyond which lines have less than 1 / 20 of the weight and are left out.
+_MAX_LINE_DISTANCE_PX = int(3 * _FADING_DISTANCE_PX)
+
+# Blur radius of the occluded background, pixels, above which lines are left out: nothing of them would show.
+_MAX_INPAINTED_RADIUS_PX = 16.0
 
 # Distance, in pixels beyond the disc of an occluded pixel, from which smaller layers read it.
 _READING_MARGIN_PX = 16
@@ -347,6 +350,7 @@ def occluded_background(
         write_occluded(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
         near = occluded.within(_MAX_LINE_DISTANCE_PX)
+        near = near.select(np.abs(depths[near.ys, near.xs]) <= _MAX_INPAINTED_RADIUS_PX)
         ys, xs = near.ys, near.xs
         lines = continue_lines(image, defocus, lights, depths, near, colors)
         _limit_lines(ys, xs, colors, lines)
