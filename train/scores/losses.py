@@ -119,11 +119,6 @@ def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, di
     return torch.stack(list(parts.values())).sum(), parts
 
 
-# Weight of the error map in BokehMe's loss. With the 0.1 of ``LossWeights`` its gradient in the shared layers
-# is a few hundred times below that of the picture, and the map stays near its mean everywhere.
-_BOKEHME_ERROR_MAP_WEIGHT = 10.0
-
-
 def bokehme_loss(
     steps: list[tuple[Tensor, Tensor, Tensor]],
     error_map: Tensor | None = None,
@@ -150,7 +145,7 @@ def bokehme_loss(
         bokeh, truth, near = steps[-1]
         fused = fuse(classical, bokeh, error_map)
         parts["fused"] = _distance(fused, truth, torch.ones_like(near))
-        parts["error_map"] = _BOKEHME_ERROR_MAP_WEIGHT * F.mse_loss(error_map, near)
+        parts["error_map"] = LossWeights.error_map * F.mse_loss(error_map, near)
     return torch.stack(list(parts.values())).sum(), parts
 
 
