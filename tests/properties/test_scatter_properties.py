@@ -26,6 +26,7 @@ def draw(seed: int, height: int, width: int, largest: float) -> tuple[np.ndarray
     return rng.random((height, width, 3)), defocus
 
 
+@pytest.mark.slow
 @few
 @given(seed=seeds, height=sides, width=sides, largest=radii)
 def test_light_is_kept_as_far_as_it_falls_into_the_picture(seed, height, width, largest):

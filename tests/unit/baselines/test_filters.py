@@ -14,6 +14,9 @@ from bokehnet.baselines.filters.overlap_filter import overlap_coverage
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
+# Methods of the literature, which no default uses: their kernels are compiled for the tests.
+pytestmark = pytest.mark.slow
+
 
 def scene(height=20, width=26):
     rng = np.random.default_rng(4)

@@ -14,6 +14,9 @@ from bokehnet.baselines.gather.spiral import spiral
 from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.optics.aperture import Aperture
 
+# Methods of the literature, which no default uses: their kernels are compiled for the tests.
+pytestmark = pytest.mark.slow
+
 
 def scene(height=18, width=22):
     rng = np.random.default_rng(3)

@@ -12,6 +12,9 @@ from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.errors import ParameterError, ShapeError
 
+# Methods of the literature, which no default uses: their kernels are compiled for the tests.
+pytestmark = pytest.mark.slow
+
 WALKS = {"edges": walk_edges, "corners": walk_corners, "runs": walk_runs}
 
 

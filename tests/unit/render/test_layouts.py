@@ -195,6 +195,7 @@ def test_files_name_their_pixel_aspect_ratio(tmp_path, name, dpi, aspect):
 # Panoramas
 
 
+@pytest.mark.slow
 def test_light_crosses_the_seam_of_a_panorama(renderer):
     """Authority: the panorama turned by half its width, whose seam is elsewhere."""
     image = SOFT.copy()

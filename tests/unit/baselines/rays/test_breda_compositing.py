@@ -9,6 +9,9 @@ from bokehnet.baselines.rays.selective_rays import RaySelection, selective_rays
 from bokehnet.classical.scatter_renderer import scatter_inside as scatter
 from tests.unit.baselines.rays.test_selective_rays import LENS, PITCH, pinhole, rms, trace_rays, truth
 
+# Methods of the literature, which no default uses: their kernels are compiled for the tests.
+pytestmark = pytest.mark.slow
+
 
 def lerp(a, b, t):
     return a + (b - a) * t

@@ -48,6 +48,7 @@ def test_a_light_on_the_axis_is_its_traced_image(depth):
     assert result.sum() == pytest.approx(300.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_rays_draw_the_lamp_of_the_axis_in_the_corner_too():
     """Authority: rays through the glass to the middle of the sensor, where the whole map has a cat's-eye."""
     height, width, depth, size = 129, 193, 1000.0, 41

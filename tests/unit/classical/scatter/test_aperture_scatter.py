@@ -198,6 +198,7 @@ def test_radius_far_beyond_the_picture_spreads_evenly(radius):
     assert_allclose(sums / sums[..., 3:], np.broadcast_to(mean / mean[..., 3:], sums.shape), rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (30, 17)])
 @pytest.mark.parametrize("largest", [6.0, 200.0])
 @pytest.mark.parametrize("name", SHAPES)

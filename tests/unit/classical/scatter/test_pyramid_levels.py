@@ -111,6 +111,7 @@ def test_work_per_level_shrinks_and_the_operator_is_named():
     assert all(place["full_shape"] == (96, 130) for _, _, place in seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 1), (1, 30), (31, 1), (2, 3), (37, 53)])
 @pytest.mark.parametrize("largest", [20.0, 100.0])
 def test_backward_is_the_adjoint_of_the_forward(shape, largest):

@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 from bokehnet.cli.commands.warm_up import _LOOKS, _PLAIN
 from bokehnet.precompiled.kernel import KERNELS
 from bokehnet.render.renderer import BokehRenderer
@@ -20,6 +22,7 @@ def test_it_reports_how_many_kernels_are_ready(cli, no_bar):
     assert int(match[1]) + int(match[2]) >= len(known()) > 20
 
 
+@pytest.mark.slow
 def test_pictures_of_other_sizes_need_nothing_more(cli, no_bar):
     """Every look of the command, at twice its size."""
     assert cli("warm-up", "--all").code == 0

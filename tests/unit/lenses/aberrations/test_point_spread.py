@@ -30,6 +30,7 @@ def moments(psf, pitch):
     return np.array([x, y]), square.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [1500.0, 2200.0, 9000.0])
 @pytest.mark.parametrize("field", [(0.0, 0.0), (0.15, -0.1)])
 def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):

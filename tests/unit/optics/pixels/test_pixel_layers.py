@@ -12,6 +12,7 @@ def over(colors, coverage):
     return ((ahead * coverage)[..., None] * colors).sum(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [1, 2, 4, 9])
 def test_merged_layers_show_what_the_samples_show(layers):
     """Authority: the mean over the samples, each composited by Porter and Duff's rule."""
