@@ -10,11 +10,11 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.formats.heif import is_avif, is_heif, read_heif
 from bokehnet.io.gain_map import read_gain_map
-from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata.gain_map import gain_map_kind
 from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.phone_depth import read_phone_depth
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.selection.map_channels import depth_channels
 from bokehnet.progress import Progress
 
 __all__ = ["ChannelRange", "ImageInfo", "image_info"]

@@ -1,6 +1,5 @@
 """Read maps with one value per pixel, such as disparity and depth."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,16 +14,14 @@ from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, read_numpy_map
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS, unpack_depth
 from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
 from bokehnet.io.pixels import ImageFile, Part
-from bokehnet.io.selection.picture import find_picture
+from bokehnet.io.selection.map_channels import find_map_channels
 from bokehnet.io.window import Window
 from bokehnet.progress import Progress
 
 __all__ = [
     "DEPTH_UNITS",
     "StoredMap",
-    "depth_channels",
     "depth_to_mm",
-    "picture_depth_channel",
     "read_depth",
     "read_disparity",
     "read_map",
@@ -32,15 +29,6 @@ __all__ = [
     "resize_map",
 ]
 
-_BARE_NAMES = ("z", "depth.z", "depth.v", "depth", "disparity", "y")
-_LAYER_NAMES = (
-    "depth.z",
-    "depth.v",
-    "depth",
-    "disparity",
-    "z",
-    "y",
-)  # under a layer, a bare z is less specific than depth.z
 _SMOOTH_STEP = 0.05  # fraction of the map's range: a larger difference of neighbours is a depth edge
 
 # Largest difference between the channels of a grey map, 8-bit levels: colour management and screenshots tint
@@ -309,65 +297,6 @@ def resize_map(values: NDArray[np.float32], height: int, width: int) -> NDArray[
     return np.where(smooth, np.clip(linear, lowest, highest), nearest).astype(values.dtype)
 
 
-def depth_channels(names: Sequence[str]) -> list[str]:
-    """Return the ``names`` that look like depth or disparity, best match first.
-
-    Bare names come before names under a layer; Y and Z of a vector, as in normals, do not count.
-    """
-    return list(dict.fromkeys(name for group in _depth_groups(names) for name in group))
-
-
-def picture_depth_channel(path: Path | str) -> str | None:
-    """Return the depth channel of an EXR picture, for :func:`read_depth`; None if there is none.
-
-    Args:
-        path: Any image file.
-
-    Raises:
-        ImageFileError: The file cannot be read, or several channels match.
-    """
-    with ImageFile(path) as file:
-        if file.headers is None:
-            return None
-        picture = find_picture(file)
-        layer = picture.colours[0].rpartition(".")[0].rpartition(".")[0]
-        stored = [(part, name) for part in file.parts for name in part.channels]
-        candidates = [
-            (part, name)
-            for part, name in stored
-            if name.lower().rpartition(".")[2] in ("z", "depth")
-            or name.lower().endswith(("depth.v", "depth.y"))
-            if not _is_vector(name, part.channels) and name not in picture.colours
-        ]
-        same_part = [(part, name) for part, name in candidates if part.index == picture.part.index]
-        same_layer = [(part, name) for part, name in same_part if layer and name.startswith(layer + ".")]
-        bare = [(part, name) for part, name in same_part if name.lower() in _BARE_NAMES]
-        for group in (same_layer, bare, same_part, candidates):
-            if len(group) == 1:
-                part, name = group[0]
-                ambiguous = sum(name == other for _, other in stored) > 1
-                return f"{part.name}.{name}" if ambiguous and part.name else name
-        if candidates:
-            names = ", ".join(name for _, name in candidates)
-            raise ImageFileError(
-                f"{path}: which channel is the depth? Give the file as depth and name one of {names}"
-            )
-        return None
-
-
-def _depth_groups(names: Sequence[str]) -> list[list[str]]:
-    """Group depth-like names by the pattern they match, best first; empty groups are omitted."""
-    scalars = [name for name in names if not _is_vector(name, names)]
-    bare = [[name for name in scalars if name.lower() == pattern] for pattern in _BARE_NAMES]
-    layered = [[name for name in scalars if name.lower().endswith("." + pattern)] for pattern in _LAYER_NAMES]
-    return [group for group in bare + layered if group]
-
-
-def _is_vector(name: str, names: Sequence[str]) -> bool:
-    layer, dot, last = name.rpartition(".")
-    return last in ("Y", "Z") and layer + dot + "X" in names
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Decoded:
     """Values of a part, (H, W), with the assumptions made; ``is_decoded`` if they are no longer counts."""
@@ -384,7 +313,7 @@ def _read(file: ImageFile, channel: str | None, coding: str) -> tuple[_Decoded, 
         part = file.parts[0]
         values = unpack_depth(file.read(part, part.channels), coding, str(file.path))
         return _Decoded(values=values, is_decoded=True, assumptions=(f"packed as {coding}",)), part
-    part, names = _find(file, channel)
+    part, names = find_map_channels(file, channel)
     values = file.read(part, names)
     if len(names) == 1:
         if coding in COLOR_MAPS:
@@ -435,33 +364,6 @@ def _decoded_fraction(file: ImageFile, decoded: NDArray[np.float32], name: str) 
             "another with `depth.coding`"
         )
     return f"; {100 * missing:.2g} % of the pixels have blended colours" if missing else ""
-
-
-def _find(file: ImageFile, channel: str | None) -> tuple[Part, list[str]]:
-    """Return the part and the channels of the map: one channel, or R, G, B if there is nothing else."""
-    stored = [(part, name) for part in file.parts for name in part.channels]
-    names = [name for _, name in stored]
-    full_names = ", ".join(
-        f"{part.name}.{name}" if part.name and names.count(name) > 1 else name for part, name in stored
-    )
-    groups = _depth_groups(names)
-    if channel is None and groups and len(groups[0]) == 1:
-        channel = groups[0][0]
-    if channel is not None:
-        matches = [(part, name) for part, name in stored if channel == name]
-        matches = matches or [(part, name) for part, name in stored if channel == f"{part.name}.{name}"]
-        if not matches:
-            raise ImageFileError(f"{file.path}: no channel {channel!r}, found {full_names}")
-        if len(matches) > 1:
-            raise ImageFileError(
-                f"{file.path}: {len(matches)} parts have a channel {channel!r}; name one of {full_names}"
-            )
-        return matches[0][0], [matches[0][1]]
-    first = file.parts[0]
-    names = [name for name in first.channels if name != first.alpha]
-    if not groups and len(file.parts) == 1 and (len(names) == 1 or names == ["R", "G", "B"]):
-        return first, names
-    raise ImageFileError(f"{file.path}: which channel is the map? Name one of {full_names}")
 
 
 def _check_all(

@@ -19,7 +19,7 @@ from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.image import read_image
-from bokehnet.io.maps import picture_depth_channel
+from bokehnet.io.selection.map_channels import picture_depth_channel
 from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.exposure.memory_bounds import check_memory
 from bokehnet.render.output import check_output

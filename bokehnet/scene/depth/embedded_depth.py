@@ -10,9 +10,9 @@ import numpy.typing as npt
 from bokehnet.errors import ParameterError
 from bokehnet.inference.depth_models import recommended_model
 from bokehnet.io.formats.heif import is_heif
-from bokehnet.io.maps import picture_depth_channel
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.phone_depth import PhoneDepth, has_phone_depth, read_phone_depth
+from bokehnet.io.selection.map_channels import picture_depth_channel
 from bokehnet.io.window import Window
 from bokehnet.scene.camera import DEFAULT_FOCAL_LENGTH, full_frame_camera, has_view
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo

@@ -4,7 +4,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.frame import read_frame
-from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, read_stored_map, resize_map
+from bokehnet.io.maps import read_depth, read_disparity, read_map, read_stored_map, resize_map
+from bokehnet.io.selection.map_channels import depth_channels
 from tests.unit.io.exr.exr_files import write_exr
 
 
