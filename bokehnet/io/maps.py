@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.errors import ImageFileError
 from bokehnet.io.depth.false_colors import COLOR_MAPS, decode_colors, recognise_colors
-from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, read_numpy_map
+from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, numpy_map_header, read_numpy_map
 from bokehnet.io.depth.packed_depth import PACKED_CODINGS, unpack_depth
 from bokehnet.io.depth.units import DEPTH_UNITS, parse_depth_unit
 from bokehnet.io.pixels import ImageFile, Part
@@ -20,11 +20,13 @@ from bokehnet.progress import Progress
 
 __all__ = [
     "DEPTH_UNITS",
+    "MapHeader",
     "StoredMap",
     "depth_to_mm",
     "read_depth",
     "read_disparity",
     "read_map",
+    "read_map_header",
     "read_stored_map",
     "resize_map",
 ]
@@ -34,6 +36,9 @@ _SMOOTH_STEP = 0.05  # fraction of the map's range: a larger difference of neigh
 # Largest difference between the channels of a grey map, 8-bit levels: colour management and screenshots tint
 # grey by a few levels.
 _MAX_TINT_LEVELS = 8.0
+
+# Pixels per looked-at pixel along each axis, where a few rows tell whether colours are those of a table.
+_COLOR_STEP = 12
 
 # Largest integer of each type.
 _LARGEST_INTEGER = {"uint8": 2**8 - 1, "uint16": 2**16 - 1, "uint": 2**32 - 1, "uint32": 2**32 - 1}
@@ -70,6 +75,19 @@ class StoredMap:
         if self.largest_integer is None:
             return self.values
         return np.rint(self.values.astype(np.float64) * self.largest_integer).astype(np.float32)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MapHeader:
+    """Properties of a map that are known before it is read.
+
+    Attributes:
+        window: Position of its upright pixels.
+        largest_integer: As in :class:`StoredMap`; None also where only the pixels decide.
+    """
+
+    window: Window
+    largest_integer: int | None
 
 
 def read_map(
@@ -145,6 +163,53 @@ def read_stored_map(
     )
 
 
+def read_map_header(path: Path | str, channel: str | None = None, *, coding: str = "auto") -> MapHeader:
+    """Return size and type of a map without reading it.
+
+    Of maps in colours a few rows are read; a picture whose colours are of no table is read whole, and
+    refused.
+
+    Args:
+        path: See :func:`read_stored_map`.
+        channel: See :func:`read_stored_map`.
+        coding: See :func:`read_stored_map`.
+
+    Raises:
+        ImageFileError: The file is damaged, the choice of the channel is ambiguous, or the file does not have
+            this coding.
+
+    Examples:
+        >>> np.save("depth.npy", np.ones((2, 3), np.uint16))
+        >>> header = read_map_header("depth.npy")
+        >>> header.window.width, header.window.height, header.largest_integer
+        (3, 2, 65535)
+    """
+    path = Path(path)
+    if path.suffix.lower() in NUMPY_EXTENSIONS:
+        height, width, dtype = numpy_map_header(path, channel)
+        return MapHeader(window=Window.whole(width, height), largest_integer=_largest_of_array(dtype))
+    with ImageFile(path) as file:
+        if coding in PACKED_CODINGS:
+            part, largest = file.parts[0], None
+        else:
+            part, names = find_map_channels(file, channel)
+            if len(names) > 1 and coding == "auto" and not part.linear and not _may_be_map(file, part, names):
+                _read(file, channel, coding)
+            single = len(names) == 1 and not part.linear
+            largest = _LARGEST_INTEGER.get(part.pixel_type) if single else None
+        if file.headers is not None:
+            return MapHeader(window=part.window, largest_integer=largest)
+        height, width = part.upright_size
+        return MapHeader(window=Window.whole(width, height), largest_integer=largest)
+
+
+def _may_be_map(file: ImageFile, part: Part, names: list[str]) -> bool:
+    """Return whether the first rows of a picture are grey, or have the colours of a table."""
+    _, values = next(file.read_bands(part, names))
+    colors = values[::_COLOR_STEP, ::_COLOR_STEP]
+    return _tint_levels(colors) <= _MAX_TINT_LEVELS or recognise_colors(colors) is not None
+
+
 def _transparency_note(file: ImageFile, part: Part) -> tuple[str, ...]:
     """Return a note on pixels of a map of integers that are transparent in part of the picture."""
     if part.linear or part.alpha is None or len(part.channels) == 1:
@@ -160,9 +225,14 @@ def _transparency_note(file: ImageFile, part: Part) -> tuple[str, ...]:
 
 def _stored_array(values: NDArray[Any]) -> StoredMap:
     """Return the map of a NumPy file: 8 and 16 bits are scaled like those of image files."""
-    largest = _LARGEST_INTEGER.get(values.dtype.name) if values.dtype.itemsize <= 2 else None
+    largest = _largest_of_array(values.dtype)
     scaled = values.astype(np.float32) if largest is None else (values / np.float32(largest))
     return StoredMap(values=np.ascontiguousarray(scaled, np.float32), largest_integer=largest)
+
+
+def _largest_of_array(dtype: np.dtype[Any]) -> int | None:
+    """Return the largest integer of the type of an array; None for floats, and for integers of 32 bits."""
+    return _LARGEST_INTEGER.get(dtype.name) if dtype.itemsize <= 2 else None
 
 
 def read_disparity(
@@ -326,12 +396,19 @@ def _read(file: ImageFile, channel: str | None, coding: str) -> tuple[_Decoded, 
     return _read_colors(file, values, names, coding), part
 
 
+def _tint_levels(colors: NDArray[np.float32]) -> float:
+    """Return the largest difference between the channels of a pixel, 8-bit levels; colours (H, W, 3)."""
+    red, green, blue = np.moveaxis(colors, -1, 0)  # np.ptp along three values takes ten times as long
+    highest, lowest = np.maximum(np.maximum(red, green), blue), np.minimum(np.minimum(red, green), blue)
+    return float(255 * (highest - lowest).max())
+
+
 def _read_colors(file: ImageFile, values: NDArray[np.float32], names: list[str], coding: str) -> _Decoded:
     """Return the values of a map stored as R, G, B: equal, tinted, or of a colour map."""
     if coding not in COLOR_MAPS:
         if np.array_equal(values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True):
             return _Decoded(values=np.ascontiguousarray(values[..., 0]))
-        tint = float(255 * np.ptp(values, axis=-1).max())
+        tint = _tint_levels(values)
         if coding == "grey" or (coding == "auto" and tint <= _MAX_TINT_LEVELS):
             note = (
                 f"{file.path}: {', '.join(names)} differ by up to {tint:.3g} of 255 levels; using their mean"

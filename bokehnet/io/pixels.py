@@ -86,6 +86,11 @@ class Part:
         """Distinct channel types, such as ``"half, float"``."""
         return ", ".join(dict.fromkeys(self.formats))
 
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """Height and width of the upright pixels."""
+        return (self.width, self.height) if self.orientation in _TRANSPOSED else (self.height, self.width)
+
 
 class ImageFile:
     """An open image file and context manager.
@@ -159,9 +164,8 @@ class ImageFile:
 
     def empty(self, part: Part, channels: int) -> NDArray[np.float32]:
         """Return an uninitialised array (H, W, channels) for the upright pixels of ``part``."""
-        size = (part.width, part.height) if part.orientation in _TRANSPOSED else (part.height, part.width)
         try:
-            return np.empty((*size, channels), np.float32)
+            return np.empty((*part.upright_size, channels), np.float32)
         except MemoryError as full:
             raise ImageFileError(
                 f"{self.path}: {part.width}x{part.height} pixels do not fit into memory"

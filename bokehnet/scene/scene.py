@@ -15,7 +15,7 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.mixed_pixels import mixed_pixel_fraction, repair_mixed
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.repeated_pixels import undo_pixel_repetition
-from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.errors import ParameterError
 from bokehnet.io.frame import Frame, read_frame, without_origin
 from bokehnet.io.maps import resize_map
 from bokehnet.io.metadata.camera import Camera
@@ -30,6 +30,7 @@ from bokehnet.scene.depth.depth_source import (
     depth_source,
     unit_of_picture_depth,
 )
+from bokehnet.scene.depth.map_checks import check_map_size
 from bokehnet.scene.focus import FocusedLens
 from bokehnet.scene.focus_checks import check_focus
 from bokehnet.scene.known_edges import check_matte, deep_surfaces, read_matte
@@ -373,18 +374,16 @@ def map_at_picture_size(scene: Scene, settings: DepthSettings) -> npt.NDArray[np
     depth, (height, width) = scene.depth, scene.image.shape[:2]
     kind = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
     if not depth.fits_any_size:
-        _check_upright(depth.values.shape, (height, width), kind)
-    may_resize = settings.resize or depth.fits_any_size or depth.values.shape == (height, width)
-    if is_repaired(scene, settings) and may_resize:
+        check_map_size(depth.values.shape[:2], (height, width), kind, may_resize=settings.resize)
+    if is_repaired(scene, settings):
         depth = replace(depth, values=undo_pixel_repetition(depth.values))
     values = depth.values if is_exact(scene) else _unmixed(depth, settings)
-    if values.shape != (height, width) and may_resize:
+    if values.shape != (height, width):
         smaller = values.shape[0] < height or values.shape[1] < width
         if is_repaired(scene, settings) and (smaller or depth.fits_any_size):
             values = resample(values, height, width)  # soft edges, which the repair sharpens
         else:
             values = resize_map(values, height, width)
-    check_same_size("the picture", scene.image, f"its {kind}", values, "`depth.resize` resizes the map")
     return values
 
 
@@ -444,16 +443,6 @@ def _shape_notes(depth: DepthMap, image: Array) -> tuple[str, ...]:
     if rows == columns or depth.fits_any_size or same_aspect((rows, columns), (height, width)):
         return ()
     return (f"the map of {columns}x{rows} pixels is stretched unevenly to the picture of {width}x{height}",)
-
-
-def _check_upright(map_size: tuple[int, ...], size: tuple[int, int], kind: str) -> None:
-    """Raise ``ShapeError`` for a map that fits its picture only after a rotation by 90 degrees."""
-    if same_aspect(map_size[::-1], size) and not same_aspect(map_size, size):
-        raise ShapeError(
-            f"the picture is {size[1]}x{size[0]} pixels but its {kind} is {map_size[1]}x{map_size[0]}, "
-            "turned "
-            "by 90 degrees, as if only one of both has an EXIF orientation; rotate the map"
-        )
 
 
 def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32]:

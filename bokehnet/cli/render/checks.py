@@ -19,6 +19,7 @@ from bokehnet.io.selection.picture import find_picture
 from bokehnet.io.window import Window
 from bokehnet.render.output import check_output
 from bokehnet.scene.depth.depth_source import EmbeddedDepth, depth_source
+from bokehnet.scene.depth.map_checks import check_map_file
 from bokehnet.scene.focus_checks import check_focus, check_pixels
 from bokehnet.sequence.sequence import input_files
 from bokehnet.settings.settings import EngineSettings, RenderSettings
@@ -132,25 +133,30 @@ def _check_maps_folder(folder: Path | None) -> None:
 
 
 def check_inputs(image: Path, settings: RenderSettings) -> Window:
-    """Return the size of a picture; raise unless its files can be opened and the settings apply to it.
+    """Return the size of a picture; raise unless its files can be opened and the settings apply to them.
 
     Args:
         image: File of the picture.
         settings: Settings of the render.
 
     Raises:
-        ImageFileError: A file is missing or damaged.
-        ParameterError: A pixel in focus lies outside the picture.
+        ImageFileError: A file is missing or damaged, or the map is none.
+        ShapeError: The map has another size than the picture.
+        ParameterError: A pixel in focus lies outside the picture, or a setting does not apply to the map.
+        LensError, ConfigError: As :func:`bokehnet.scene.prescription.prescription_lens`.
     """
     window = picture_header(image)[0]
     for name, path in input_files(settings).items():
         if name != "depth_model":
             check_intact(path)
-    errors, source = ErrorCollector(), depth_source(settings)
-    with errors.collect():
-        if not isinstance(source, EmbeddedDepth):  # a phone's original may have another size
-            check_pixels(settings.focus, window, settings.input.supersampled)
-    errors.raise_all()
+    source = depth_source(settings)
+    if not isinstance(source, EmbeddedDepth):  # a phone's original may have another size
+        check_pixels(settings.focus, window, settings.input.supersampled)
+    check_map_file(source, window, may_resize=settings.depth.resize)
+    if settings.lens.name is not None:
+        from bokehnet.scene.prescription import prescription_lens  # imports numba, 0.2 s
+
+        prescription_lens(settings.lens)
     return window
 
 
@@ -168,6 +174,5 @@ def picture_header(path: Path) -> tuple[Window, Camera | None]:
         attributes = file.attributes(part)
         if file.headers is not None:
             return part.window, camera_from_exr(attributes)
-        turned = part.orientation >= 5
-        width, height = (part.height, part.width) if turned else (part.width, part.height)
+        height, width = part.upright_size
         return Window.whole(width, height), camera_from_exif(attributes, width, height)

@@ -84,6 +84,7 @@ class RelativeDisparity:
         """See :class:`DepthSource`."""
         _check_source("disparity", self.map)
         stored = _stored("disparity", self.map, self.channel, self.coding, self.holes, photo)
+        self.check_numbers(stored.largest_integer)
         missing = find_missing_disparity(
             stored.numbers, stored.largest_integer, invert=self.invert, no_data=self.no_data
         )
@@ -94,11 +95,6 @@ class RelativeDisparity:
             values = _normalised(values, float(shown.min()), float(shown.max()))
         if self.value_range is not None:
             low, high = self.value_range
-            if not (math.isfinite(low) and math.isfinite(high) and low != high):
-                raise ParameterError("depth.value_range", "two different numbers", self.value_range)
-            if stored.largest_integer is not None and max(abs(low), abs(high)) > _MAX_INTEGER_RANGE:
-                expected = f"values of 0 to 1: codes of this map count over {stored.largest_integer}"
-                raise ParameterError("depth.value_range", expected, self.value_range)
             values = ((values.astype("float64") - low) / (high - low)).astype("float32")
         elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
             actual = f"{values.min():g} to {values.max():g}"
@@ -118,6 +114,21 @@ class RelativeDisparity:
             notes=notes,
             assumptions=(direction, *stored.assumptions, *assumptions),
         )
+
+    def check_numbers(self, largest_integer: int | None) -> None:
+        """Raise ``ParameterError`` unless the range applies to the numbers of the map.
+
+        Args:
+            largest_integer: See :class:`bokehnet.io.maps.StoredMap`.
+        """
+        if self.value_range is None:
+            return
+        low, high = self.value_range
+        if not (math.isfinite(low) and math.isfinite(high) and low != high):
+            raise ParameterError("depth.value_range", "two different numbers", self.value_range)
+        if largest_integer is not None and max(abs(low), abs(high)) > _MAX_INTEGER_RANGE:
+            expected = f"values of 0 to 1: codes of this map count over {largest_integer}"
+            raise ParameterError("depth.value_range", expected, self.value_range)
 
 
 def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
@@ -204,9 +215,10 @@ class MetricDepth:
         _check_source("depth", self.map)
         camera = photo.camera
         stored = _stored("depth", self.map, self.channel, self.coding, self.holes, photo)
+        self.check_numbers(stored.largest_integer)
         if not isinstance(self.map, np.ndarray):
             camera = merged_camera(camera, map_camera(Path(self.map)))
-        if self.near is not None and self.far is not None:
+        if self._has_planes:
             values, assumptions, notes = self._between_planes(stored, photo)
         else:
             values, assumptions, notes = self._in_unit(stored, photo)
@@ -223,6 +235,23 @@ class MetricDepth:
             assumptions=assumptions,
         )
 
+    def check_numbers(self, largest_integer: int | None) -> None:
+        """Raise ``ImageFileError`` if the map holds integers of an unknown unit.
+
+        Args:
+            largest_integer: See :class:`bokehnet.io.maps.StoredMap`.
+        """
+        if largest_integer is not None and self.unit is None and not self._has_planes:
+            raise ImageFileError(
+                f"{_name_of(self.map, 'depth map')}: expected depth in metres as floating point, found "
+                f"integers up to {largest_integer}; give their unit as `depth.unit`, such as mm, or "
+                "`depth.near` and `depth.far`"
+            )
+
+    @property
+    def _has_planes(self) -> bool:
+        return self.near is not None and self.far is not None
+
     @property
     def _is_disparity(self) -> bool:
         return self.unit is not None and parse_depth_unit(self.unit).is_disparity
@@ -234,13 +263,6 @@ class MetricDepth:
         from bokehnet.optics.coc import disparity_from_depth  # imports numba, 0.2 s
 
         name = _name_of(self.map, "depth map")
-        if self.unit is None and stored.largest_integer is not None:
-            largest = stored.largest_integer
-            raise ImageFileError(
-                f"{name}: expected depth in metres as floating point, found integers up to {largest}; give "
-                "their unit as `depth.unit`, such as mm, or `depth.near` and `depth.far`"
-            )
-
         unit, numbers = self.unit or "m", stored.numbers
         missing = find_missing_depth(
             numbers, stored.largest_integer, is_disparity=self._is_disparity, no_data=self.no_data

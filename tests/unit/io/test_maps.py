@@ -3,8 +3,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.depth.false_colors import TABLES_FILE
 from bokehnet.io.frame import read_frame
-from bokehnet.io.maps import read_depth, read_disparity, read_map, read_stored_map, resize_map
+from bokehnet.io.maps import (
+    read_depth,
+    read_disparity,
+    read_map,
+    read_map_header,
+    read_stored_map,
+    resize_map,
+)
 from bokehnet.io.selection.map_channels import depth_channels
 from tests.unit.io.exr.exr_files import write_exr
 
@@ -269,3 +277,33 @@ def test_transparent_pixels_of_a_map_keep_their_values_with_a_note(tmp_path, hid
     stored = read_stored_map(tmp_path / "map.png")
     np.testing.assert_array_equal(stored.numbers, grey)
     assert any(f"{hidden} pixels of the map are transparent" in note for note in stored.notes) == noted
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.npy", "a.npz"])
+def test_the_header_of_a_map_agrees_with_the_map(store, tmp_path, name):
+    values = np.arange(6, dtype=np.uint16).reshape(2, 3)
+    path = tmp_path / name
+    if path.suffix == ".npy":
+        np.save(path, values)
+    elif path.suffix == ".npz":
+        np.savez(path, depth=values)
+    else:
+        path = store(name, values)
+    header, stored = read_map_header(path), read_stored_map(path)
+    assert (header.window.height, header.window.width) == stored.values.shape
+    assert header.largest_integer == stored.largest_integer == 65535
+
+
+def test_the_header_of_a_turned_map_is_upright(store):
+    window = read_map_header(store("a.png", np.array([[0, 50, 100]], np.uint8), Orientation=6)).window
+    assert (window.width, window.height) == (1, 3)
+
+
+def test_the_header_of_colours_refuses_what_the_map_refuses(store):
+    """Grey and colours of a table pass; a photograph is refused."""
+    tables = np.load(TABLES_FILE)[0][None, :, :].repeat(24, axis=0)
+    photograph = np.random.default_rng(0).integers(0, 255, (24, 256, 3), np.uint8)
+    for name, colors in (("grey.png", tables[..., :1].repeat(3, axis=2)), ("turbo.png", tables)):
+        assert read_map_header(store(name, colors.astype(np.uint8))).largest_integer is None
+    with pytest.raises(ImageFileError, match=r"colour picture.*depth.coding"):
+        read_map_header(store("photograph.png", photograph))

@@ -191,3 +191,45 @@ def test_depth_in_a_numpy_file_with_options_for_the_camera(folder, cli):
     assert cli(*PHOTO, "--depth", "z.npy", *LENS, "-o", "out.png").code == 0
     outcome = cli(*PHOTO, "--depth", "z.npy", *LENS[2:], "-o", "out2.png")
     assert "mm on a sensor 36 mm wide" in outcome.err
+
+
+# Runs a command line in the folder that is the first word.
+_RUN = "import os, sys; from bokehnet.cli.app import run; os.chdir(sys.argv[1]); code = run(sys.argv[2:])"
+
+
+@pytest.fixture
+def mistaken_maps(folder):
+    """Files of maps that do not apply to the photo: another size, and a picture in colours."""
+    write_map("small.png", np.linspace(0, 1, 30 * 20).reshape(20, 30))
+    np.save("small.npy", np.zeros((20, 30), np.float32))
+    write_image("color.png", np.random.default_rng(2).random((HEIGHT, WIDTH, 3)))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--disparity", "small.png"], "64x40 pixels but its disparity is 30x20"),
+        (["--disparity", "small.npy"], "64x40 pixels but its disparity is 30x20"),
+        (["--depth", "small.npy"], "64x40 pixels but its depth is 30x20"),
+        (["--disparity", "disparity.png", "--channel", "Q"], "no channel 'Q', found Y"),
+        (["--disparity", "disparity.png", "--disparity-range", "0,255"], "codes of this map count over 255"),
+        (["--depth", "disparity.png"], "found integers up to 255"),
+        (["--disparity", "color.png"], "found a colour picture"),
+    ],
+)
+def test_a_map_that_does_not_apply_is_refused_before_kernels_are_imported(
+    mistaken_maps, python_process, arguments, word
+):
+    source = f"{_RUN}; sys.exit(', '.join({{'numba', 'onnxruntime'}} & set(sys.modules)) or code)"
+    outcome = python_process(source, mistaken_maps, *PHOTO, *arguments, "-o", "out.png")
+    assert outcome.code == 1
+    assert word in outcome.err
+    assert outcome.err.count("\n") == 1  # no imported module is named
+
+
+def test_an_unknown_lens_is_refused_before_the_renderer_is_imported(folder, python_process):
+    source = f"{_RUN}; sys.exit('bokehnet.render.renderer' in sys.modules)"
+    outcome = python_process(source, folder, *MAP[:2], *MAP[4:], "--lens", "glass", "-o", "out.png")
+    assert "--lens: unknown lens 'glass'" in outcome.err
+    assert outcome.code == 0
