@@ -3,13 +3,13 @@
 Only headers are read, and no kernels are imported, so that mistakes are reported within half a second.
 """
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.errors import ErrorCollector, ImageFileError, ParameterError
 from bokehnet.io.containers.input_checks import check_intact
+from bokehnet.io.files.atomic import folder_problem
 from bokehnet.io.formats.heif import heif_size, is_heif
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
@@ -128,8 +128,8 @@ def _check_maps_folder(folder: Path | None) -> None:
     nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not nearest.is_dir():
         raise ImageFileError(f"`output.save_maps`: expected a folder, found the file {nearest}")
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
+    if problem := folder_problem(nearest):
+        raise ImageFileError(f"`output.save_maps`: {problem}")
 
 
 def check_inputs(image: Path, settings: RenderSettings) -> Window:

@@ -9,19 +9,47 @@ from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["check_target", "remove_leftovers", "write_atomic", "write_text"]
+__all__ = ["check_target", "folder_problem", "remove_leftovers", "write_atomic", "write_text"]
 
 _PREFIX = ".bokehnet-"
 
 
 def check_target(path: Path | str, *, error: type[BokehnetError] = ImageFileError) -> None:
-    """Raise ``error`` unless a file can be written at ``path``; changes nothing.
+    """Raise ``error`` unless a file can be written at ``path``; leaves nothing behind.
 
     Args:
         path: File to write; its folder must exist and be writable, and so must an existing file.
         error: Class of the raised error.
     """
-    path = Path(path)
+    _check_name(Path(path), error)
+    if problem := folder_problem(Path(os.path.realpath(path)).parent):
+        raise error(f"{path}: {problem}")
+
+
+def folder_problem(folder: Path) -> str:
+    """Return in a few words why no file can be created in a folder; empty if one can.
+
+    Creates an empty hidden file and removes it: permission bits neither bind an administrator nor describe
+    file systems that are read-only or full.
+
+    Args:
+        folder: Existing folder.
+
+    Examples:
+        >>> folder_problem(Path())
+        ''
+    """
+    probe = folder / f"{_PREFIX}{secrets.token_hex(6)}"
+    try:
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as problem:
+        return f"the folder {folder} is not writable: {problem.strerror or problem}"
+    return ""
+
+
+def _check_name(path: Path, error: type[BokehnetError]) -> None:
+    """Raise unless the folder exists, and a file in it can have the name or be replaced."""
     folder = path.parent
     if path.is_dir():
         raise error(f"{path}: expected the name of a file to write, found a folder")
@@ -60,7 +88,7 @@ def write_atomic(
         BokehnetError: Of class ``error``, if the file cannot be written; other exceptions of ``write``
             than ``OSError`` pass through.
     """
-    check_target(path, error=error)
+    _check_name(Path(path), error)
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f"{_PREFIX}{secrets.token_hex(6)}{target.suffix}")
     try:

@@ -144,6 +144,19 @@ def test_an_output_that_cannot_be_written_is_reported_before_any_work(fails, out
     fails(["render", "unread.png", "--disparity", "unread.png", *SIZES], *words, output=output)
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="needs the file system of processes")
+@pytest.mark.parametrize(
+    ("words", "start"),
+    [(["-o", "/proc/out.png"], "/proc/out.png: "), (["--save-maps", "/proc/maps"], "--save-maps: ")],
+)
+def test_a_folder_that_no_permission_bit_protects(folder, cli, words, start):
+    """In /proc even root creates no file; the unread picture shows that the render never began."""
+    outcome = cli("render", "unread.png", "--disparity", "unread.png", *SIZES, *words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"bokehnet: error: {start}the folder /proc is not writable: ")
+    assert outcome.err.count("\n") == 1
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_is_write_protected(fails, folder):
     (folder / "locked").mkdir(mode=0o500)

@@ -126,3 +126,24 @@ def test_a_folder_without_write_permission_is_refused(tmp_path):
             write_atomic(tmp_path / "a.txt", lambda temporary: None)
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_the_check_leaves_the_folder_as_it_is(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+    check_target(tmp_path / "a.txt")
+    check_target(tmp_path / "b.txt")
+    assert os.listdir(tmp_path) == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="needs the file system of processes")
+def test_the_check_refuses_a_folder_in_which_nobody_can_create_files():
+    """Permission bits allow it to root in /proc; the kernel does not."""
+    with pytest.raises(ImageFileError, match=r"^/proc/a.txt: the folder /proc is not writable: "):
+        check_target("/proc/a.txt")
+
+
+def test_the_check_follows_a_link_as_the_write_does(tmp_path):
+    (tmp_path / "link.txt").symlink_to(tmp_path / "nowhere" / "a.txt")
+    with pytest.raises(ImageFileError, match=r"link.txt: the folder .*nowhere is not writable"):
+        check_target(tmp_path / "link.txt")
