@@ -1,13 +1,16 @@
 """Description of the content of an image file."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.depth.numpy_maps import NUMPY_EXTENSIONS, array_names, read_numpy_map
 from bokehnet.io.formats.heif import is_avif, is_heif, read_heif
 from bokehnet.io.gain_map import read_gain_map
 from bokehnet.io.metadata.gain_map import gain_map_kind
@@ -40,7 +43,8 @@ class ImageInfo:
     ``refusal`` gives the reason why such a file cannot be read as a picture. ``channels`` and ``ranges``
     cover all parts; ``ranges`` holds depth-like channels only. ``depth_map`` and ``gain_map`` describe the
     maps that phones store beside the picture; both are empty if there are none. ``pixel_aspect`` is width
-    over height of a displayed pixel.
+    over height of a displayed pixel. Of a NumPy file, ``channels`` are its arrays, ``ranges`` holds all that
+    are maps, in stored numbers, and size and type are those of the first.
     """
 
     width: int
@@ -63,12 +67,14 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra ``heif``,
-            AVIF with the extra ``avif``.
+            AVIF with the extra ``avif``. ``.npy`` or ``.npz``.
         progress: Progress callback; the count restarts for each part and each group of channels.
 
     Raises:
         ImageFileError: The file cannot be read.
     """
+    if Path(path).suffix.lower() in NUMPY_EXTENSIONS:
+        return _numpy_info(Path(path))
     if is_heif(path):
         return _heif_info(Path(path))
     with ImageFile(path, progress) as file:
@@ -106,6 +112,30 @@ def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
             gain_map=_gain_map(file.path, first.orientation, exif) if file.file_format == "jpeg" else "",
             pixel_aspect=first.window.pixel_aspect,
         )
+
+
+def _numpy_info(path: Path) -> ImageInfo:
+    names = array_names(path)
+    maps: dict[str, NDArray[Any]] = {}
+    for name in names:
+        with suppress(ImageFileError):  # an array that is no map
+            maps[name] = read_numpy_map(path, name)
+    if not maps:
+        maps["values"] = read_numpy_map(path)
+    first = next(iter(maps.values()))
+    height, width = first.shape
+    return ImageInfo(
+        width=width,
+        height=height,
+        channels=names or tuple(maps),
+        pixel_type=first.dtype.name,
+        file_format="npz" if names else "npy",
+        color_space="",
+        refusal=f"{path}: NumPy files hold maps",
+        orientation=1,
+        parts=1,
+        ranges={name: _range(values) for name, values in maps.items()},
+    )
 
 
 def _heif_info(path: Path) -> ImageInfo:
@@ -179,7 +209,7 @@ def _wider(known: ChannelRange | None, band: ChannelRange) -> ChannelRange:
     )
 
 
-def _range(values: NDArray[np.float32]) -> ChannelRange:
+def _range(values: NDArray[Any]) -> ChannelRange:
     finite = values[np.isfinite(values)]
     return ChannelRange(
         lowest=float(finite.min()) if finite.size else float("nan"),

@@ -10,7 +10,7 @@ __all__ = ["info"]
 
 
 @click.command(cls=SectionedCommand)
-@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, HEIC, EXR, HDR or PFM.")
+@argument("file", type=PATH, help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, HEIC, EXR, HDR, PFM or NumPy.")
 def info(
     file: Path,
 ) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError, errors_of_file
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
 
-__all__ = ["NUMPY_EXTENSIONS", "numpy_map_header", "read_numpy_map"]
+__all__ = ["NUMPY_EXTENSIONS", "array_names", "numpy_map_header", "read_numpy_map"]
 
 NUMPY_EXTENSIONS = (".npy", ".npz")
 
@@ -51,6 +51,30 @@ def numpy_map_header(path: Path, channel: str | None = None) -> tuple[int, int, 
     return header.height, header.width, header.dtype.newbyteorder("=")
 
 
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the arrays in a ``.npz`` file, that of its map first; none for other files.
+
+    Args:
+        path: File with one array, or ``.npz`` with several.
+
+    Raises:
+        ImageFileError: The file is missing or damaged.
+
+    Examples:
+        >>> np.savez("maps.npz", error=np.zeros((2, 3)), depth=np.ones((2, 3)))
+        >>> array_names(Path("maps.npz"))
+        ('depth', 'error')
+    """
+    check_intact(path)
+    with errors_of_file(path, "a NumPy array", ImageFileError):
+        if not zipfile.is_zipfile(path):
+            return ()
+        with zipfile.ZipFile(path) as archive:
+            names = _names_in(archive)
+    best = _choose(names)
+    return tuple(sorted(names, key=lambda name: name != best))
+
+
 @contextmanager
 def _opened_map(path: Path, channel: str | None) -> Iterator[tuple[IO[bytes], int]]:
     """Yield the array of a map as a file, and its size in bytes."""
@@ -69,13 +93,17 @@ def _opened_map(path: Path, channel: str | None) -> Iterator[tuple[IO[bytes], in
 
 def _member(path: Path, archive: zipfile.ZipFile, channel: str | None) -> zipfile.ZipInfo:
     """Return the entry of the map in a ``.npz`` file."""
-    names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+    names = _names_in(archive)
     name = channel if channel is not None else _choose(names)
     if name is None or name not in names:
         shown = ", ".join(names) or "nothing"
         expected = "one array" if channel is None else f"the array {channel!r}"
         raise ImageFileError(f"{path}: expected {expected}, found {shown}; name one as `input.channel`")
     return archive.infolist()[names.index(name)]
+
+
+def _names_in(archive: zipfile.ZipFile) -> list[str]:
+    return [info.filename.removesuffix(".npy") for info in archive.infolist()]
 
 
 def _choose(names: list[str]) -> str | None:

@@ -79,3 +79,41 @@ def test_info_finds_out_a_damaged_file(tmp_path):
     (tmp_path / "a.jpg").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ImageFileError, match="truncated"):
         image_info(tmp_path / "a.jpg")
+
+
+def test_info_describes_a_numpy_array(tmp_path, cli):
+    np.save(tmp_path / "z.npy", np.array([[1.5, 20, np.inf], [np.nan, 3, 4]], np.float32))
+    outcome = cli("info", tmp_path / "z.npy")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.splitlines()[1:] == [
+        "  format           npy",
+        "  size             3 x 2 pixels",
+        "  channels         values (float32)",
+        "  read as          no picture (NumPy files hold maps); unchanged as a map",
+        "  range of values  1.5 to 20, 1 infinite, 1 NaN",
+    ]
+
+
+def test_info_describes_the_arrays_of_an_archive(tmp_path, cli):
+    """The map that a render reads comes first; an array that is no map has a name only."""
+    counts = np.array([[500, 4500, 0]], np.uint16)
+    others = {"mask": np.ones((1, 3), bool), "focal_length": np.array([50.0])}
+    np.savez(tmp_path / "a.npz", **others, depth=counts)
+    outcome = cli("info", tmp_path / "a.npz")
+    assert (outcome.code, outcome.err) == (0, "")
+    for text in (
+        "npz",
+        "3 x 1 pixels",
+        "depth mask focal_length (uint16)",
+        "range of depth  0 to 4500",
+        "range of mask   1 to 1",
+    ):
+        assert text in outcome.out
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_info_refuses_a_numpy_file_without_a_map(tmp_path, cli, name):
+    (np.save if name == "a.npy" else np.savez)(tmp_path / name, np.zeros((2, 3, 4)))
+    outcome = cli("info", tmp_path / name)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "expected an array of numbers (H, W), found float64 of shape (2, 3, 4)" in outcome.err
