@@ -9,7 +9,7 @@ import click
 from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.cli.render.run_settings import RunSettings
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ErrorCollector, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import presets
@@ -71,9 +71,12 @@ def render(
     )
     resolved = resolved_settings(settings, preset, option_values)
     target = Path() if _is_many(image) else _output(image, output, sequence)
-    from bokehnet.io.video.frames import is_video  # after parsing, so that --help stays fast
+    # After parsing, so that --help stays fast.
+    from bokehnet.io.video.frames import is_video
+    from bokehnet.render.output import check_lossy_options
 
     if is_video(image):
+        check_lossy_options(target, resolved.output)
         from bokehnet.cli.render.video import render_video
 
         render_video(Path(image), target, resolved, sequence, run, quiet=quiet, as_json=as_json)
@@ -87,16 +90,27 @@ def render(
         printer = SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
         render_batch(image, Path(output), resolved, run, printer)
         return
-    if run.video_codec is not None:
-        raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
-    if quiet and verbose:
-        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
+    from bokehnet.cli.render.checks import check_inputs, check_job
+
+    errors = ErrorCollector()
+    with errors.collect():
+        if run.video_codec is not None:
+            raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
+    with errors.collect():
+        if quiet and verbose:
+            raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
+    with errors.collect():
+        if sequence.frames is None:
+            _check_single(Path(image), sequence, run)
+    with errors.collect():
+        check_lossy_options(target, resolved.output)
+    with errors.collect():
+        if sequence.frames is None:
+            check_job(Path(image), target, resolved)
+    errors.raise_all()
     if sequence.frames is None:
         from bokehnet.cli.commands.models import ensure_depth
-        from bokehnet.cli.render.checks import check_inputs, check_job
 
-        _check_single(Path(image), sequence, run)
-        check_job(Path(image), target, resolved)
         check_inputs(Path(image), resolved)
         ensure_depth(Path(image), resolved)
     # Kernels are imported from here on.
@@ -135,7 +149,8 @@ def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> 
     """Raise ``ParameterError`` if options or the name of the picture belong to a sequence."""
     from bokehnet.sequence.frame_names import is_pattern
 
-    given = [flag for group in (sequence, run) for flag in _given_flags(group) if flag != "overwrite"]
+    given = [flag for group in (sequence, run) for flag in _given_flags(group)]
+    given = [flag for flag in given if flag not in ("overwrite", "video-codec")]
     if given:
         options = ", ".join(f"--{flag}" for flag in given)
         raise ParameterError("sequence.frames", expected=f"frames such as 1-100 for {options}", shown="none")

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bokehnet.io.frame import read_frame
-from bokehnet.io.image import read_image
+from bokehnet.io.image import read_image, write_image
 from bokehnet.io.info import image_info
 from tests.unit.io.color import profiles
 
@@ -69,6 +69,19 @@ def test_settings_files_say_the_same(p3, cli, folder):
         (("-o", "out.avif", "--max-memory", "2G"), ("--max-memory: expected no limit for AVIF and HEIC",)),
         (("-o", "out.avif", "--bits", 16), ("--bits: expected 8 for .avif, got 16",)),
         (("-o", "out.jpg", "--quality", 0), ("--quality: expected 1 to 100",)),
+        (
+            ("-o", "out.png", "--quality", 80),
+            ("--quality: expected nothing for .png", "got 80; leave it"),
+        ),
+        (
+            ("-o", "out.exr", "--quality", 80, "--subsampling", "4:2:0", "--bits", 8),
+            (
+                "--quality: expected nothing for .exr",
+                "--subsampling: expected nothing",
+                "--bits: expected half",
+            ),
+        ),
+        (("-o", "out.webp", "--subsampling", "4:2:0"), ("--subsampling: expected nothing for .webp",)),
     ],
 )
 def test_impossible_settings_are_reported_before_anything_is_read(folder, cli, options, words):
@@ -108,3 +121,19 @@ def test_pfm_goes_in_and_out(folder, cli):
     assert_array_equal(read_image("out.pfm"), read_image("camera.exr"))
     assert cli("render", "out.pfm", *SHARP, "-o", "again.pfm").code == 0
     assert_array_equal(read_image("again.pfm"), read_image("out.pfm"))
+
+
+def test_quality_of_a_video_is_refused(folder, cli):
+    (folder / "clip.mp4").write_bytes(b"not read")
+    outcome = cli("render", "clip.mp4", *SHARP, "-o", "out.mp4", "--quality", 80)
+    assert (outcome.code, outcome.err.count("\n")) == (1, 1)
+    assert "--quality: expected nothing for .mp4, which has none, got 80; leave it out" in outcome.err
+
+
+def test_quality_passes_in_a_folder_with_formats_that_have_none(folder, cli):
+    (folder / "photos").mkdir()
+    for name in ("a.jpg", "b.png"):
+        write_image(folder / "photos" / name, np.ones((8, 8, 3)))
+    words = ("--constant-disparity", 0, *SHARP[2:], "-o", "out", "--quality", 80)
+    assert cli("render", "photos", *words).code == 0
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["a.jpg", "b.png"]
