@@ -64,7 +64,26 @@ def check_focus(settings: RenderSettings, *, automatic: bool = True) -> None:
         origin = "camera.strength"
     has_subject = automatic and not isinstance(source, ConstantDisparity)
     complete = not has_subject and not source.tells_focus
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
+    errors = ErrorCollector()
+    with errors.collect():
+        check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
+    with errors.collect():
+        if complete and not (automatic or metric):
+            _check_strength_of_frames(settings)
+    errors.raise_all()
+
+
+def _check_strength_of_frames(settings: RenderSettings) -> None:
+    """Raise ``ParameterError`` for a strength whose blur radius would follow the depth of a pixel."""
+    expected = "`focus.value` or `focus.range` with it, or its blur would change from frame to frame"
+    for name in ("at", "plane"):
+        if settings.camera.strength is not None and getattr(settings.focus, name) is not None:
+            raise ParameterError(
+                "camera.strength",
+                expected=expected,
+                shown=f"`focus.{name}`",
+                remedy="set one of them, or `camera.blur` in place of it",
+            )
 
 
 def check_frames_aperture(settings: RenderSettings, camera: Camera | None, *, own_depth: bool) -> None:
@@ -216,12 +235,10 @@ def check_kind(
                 remedy = _INSTEAD.get(path, "leave it out")
                 raise ParameterError(path, expected=expected, got=value, remedy=remedy)
     with errors.collect():
-        if complete and not metric and (camera.blur, camera.f_number) == (None, None):
-            raise ParameterError(
-                "camera.blur",
-                expected=f"pixels per unit of disparity: {holder} needs `camera.blur` or `camera.f_number`",
-                shown="none" if camera.strength is None else "`camera.strength`",
-            )
+        no_blur = (camera.blur, camera.f_number, camera.strength) == (None,) * 3
+        if complete and not metric and no_blur:
+            expected = f"{holder} needs `camera.blur`, `camera.strength` or `camera.f_number`"
+            raise ParameterError("camera.blur", f"pixels per unit of disparity: {expected}", shown="none")
     with errors.collect():
         if complete and not has_focus(focus, metric):
             raise no_focus_error(metric)

@@ -152,7 +152,7 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
         (
             {"input": InputSettings(constant_disparity=0.5)},
             "camera.blur",
-            "`input.constant_disparity` needs `camera.blur`",
+            "`input.constant_disparity` needs `camera.blur`, `camera.strength` or `camera.f_number`",
         ),
         ({"focus": VALUE}, "focus.value", "a photo's own depth (without `input.disparity`"),
         (
@@ -174,6 +174,20 @@ def test_contradictory_options_are_reported_before_anything_is_read(settings, pa
         check_focus(RenderSettings(**settings))
     assert caught.value.parameter == parameter
     assert words in str(caught.value)
+
+
+def test_frames_accept_a_strength_whose_blur_is_the_same_in_all():
+    strength = {"input": DISPARITY, "camera": CameraSettings(strength=30)}
+    for focus in (VALUE, FocusSettings(range=(0.2, 0.4))):
+        check_focus(RenderSettings(**strength, focus=focus), automatic=False)
+    with pytest.raises(ParameterError, match="change from frame to frame") as caught:
+        check_focus(RenderSettings(**strength, focus=FocusSettings(at=(1, 1))), automatic=False)
+    assert caught.value.parameter == "camera.strength"
+
+
+def test_frames_without_a_blur_are_told_all_ways_out():
+    with pytest.raises(ParameterError, match=r"needs `camera.blur`, `camera.strength` or `camera.f_number`"):
+        check_focus(RenderSettings(input=DISPARITY, focus=VALUE), automatic=False)
 
 
 def test_frames_of_a_shot_need_a_focus():
