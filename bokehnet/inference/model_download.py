@@ -9,6 +9,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -35,6 +36,9 @@ __all__ = [
 ALLOW = "BOKEHNET_DOWNLOADS"
 
 _BLOCK_BYTES = 2**20
+
+# Seconds to wait for the connection and for the answer of the hub.
+_ANSWER_TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -191,6 +195,7 @@ def download(model: DepthModel, progress: Progress | None = None) -> Path:
             "unset it, or copy that folder from a machine that has it"
         )
     try:
+        _check_connection(model)
         bar = None if progress is None else _reporting_bar(progress, model.bytes)
         downloaded = hf_hub_download(model.repository, model.file, revision=model.revision, tqdm_class=bar)
     except RenderCancelled:
@@ -208,10 +213,24 @@ def download(model: DepthModel, progress: Progress | None = None) -> Path:
         raise ModelFileError(f"{model.name}: {_endpoint()} has no {source}; a mirror may lack it") from error
     except Exception as error:  # transport errors have no common base
         raise ModelFileError(
-            f"{model.name}: cannot be downloaded from {_endpoint()}: {_reason(error)}; "
-            "set HF_ENDPOINT for a mirror; the next attempt resumes the download"
+            f"{model.name}: cannot be downloaded from {_endpoint()}: {_reason(error)}; set HF_ENDPOINT for a "
+            f"mirror, copy {_folder()} from a machine that has it, or give {model.file} of "
+            f"{model.repository} as a file with the convention {model.convention}; the next attempt resumes "
+            "the download"
         ) from error
     return _checked(model, Path(downloaded))
+
+
+def _check_connection(model: DepthModel) -> None:
+    """Raise at once if the hub cannot be reached; ``hf_hub_download`` tries six times, within 24 s.
+
+    Answers of a hub that is busy raise nothing: the download waits for it.
+    """
+    from huggingface_hub import errors, get_hf_file_metadata, hf_hub_url
+
+    url = hf_hub_url(model.repository, model.file, revision=model.revision)
+    with suppress(errors.HfHubHTTPError):  # reported by the download
+        get_hf_file_metadata(url, timeout=_ANSWER_TIMEOUT_S)
 
 
 def _reporting_bar(progress: Progress, total: int) -> type:

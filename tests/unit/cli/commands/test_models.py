@@ -6,6 +6,7 @@
 import contextlib
 import json
 import os
+import socket
 import subprocess
 import sys
 
@@ -319,3 +320,20 @@ def test_the_release_command_pins_what_the_hub_has(run, hub, tmp_path):
     done = run(source=PIN)
     assert (done.returncode, "expected the licence mit, found cc-by-nc-4.0" in done.stderr) == (1, True)
     assert pins in (tmp_path / "pins.toml").read_text()
+
+
+def test_an_unreachable_hub_is_reported_without_waiting(run):
+    """``huggingface_hub`` sleeps between its attempts, which ends this process."""
+    with socket.socket() as closed:  # bound, but nobody listens
+        closed.bind(("127.0.0.1", 0))
+        address = f"http://127.0.0.1:{closed.getsockname()[1]}"
+        source = f"import sys, time\ntime.sleep = lambda seconds: sys.exit('waited')\n{RUN}"
+        done = run("models", "tiny", "--get", source=source, HF_ENDPOINT=address)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith(f"bokehnet: error: tiny: cannot be downloaded from {address}: ")
+    for way_out in (
+        "HF_ENDPOINT",
+        "copy ",
+        "onnx/model.onnx of tests/tiny as a file with the convention midas",
+    ):
+        assert way_out in done.stderr
