@@ -11,7 +11,7 @@ from bokehnet.progress import Progress
 __all__ = ["compile_notice", "progress", "stages", "write_above"]
 
 _DELAY = 1.0  # s before a bar appears
-_LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
+_INTERVAL = 1.0  # s between refreshes of a bar without a report
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
 _NOTICE = "bokehnet: compiling kernels for this machine, once; this may take a minute"
 
@@ -19,6 +19,8 @@ _NOTICE = "bokehnet: compiling kernels for this machine, once; this may take a m
 @contextmanager
 def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Progress]:
     """Show a bar on stderr if the block runs longer than a second, even before the first report.
+
+    A stderr that is no terminal, such as a log file, gets no bar.
 
     Args:
         label: Activity, such as ``"rendering"``.
@@ -30,13 +32,12 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
     """
     from tqdm import tqdm  # here, so that --help stays fast
 
-    interval = 0.1 if sys.stderr.isatty() else _LOG_INTERVAL
+    hidden = hidden or not _is_terminal()
     ended = threading.Event()
     with tqdm(
         desc=label,
         file=sys.stderr,
         delay=_DELAY,
-        mininterval=interval,
         dynamic_ncols=True,
         disable=hidden,
         bar_format=None if counted else _BAR,
@@ -51,7 +52,7 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
             while not ended.wait(wait):
                 bar.delay = 0  # otherwise closing treats the bar as never shown
                 bar.refresh()
-                wait = max(1.0, interval)
+                wait = _INTERVAL
 
         ticker = threading.Thread(target=tick, daemon=True)
         if not hidden:
@@ -62,6 +63,10 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
             ended.set()
             if not hidden:
                 ticker.join()
+
+
+def _is_terminal() -> bool:
+    return sys.stderr.isatty()
 
 
 def _add_to_bars(text: str) -> None:

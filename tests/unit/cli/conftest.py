@@ -16,6 +16,13 @@ def no_bar(monkeypatch):
 
 
 @pytest.fixture
+def on_terminal(monkeypatch):
+    """Stderr is a terminal, on which bars appear without a delay."""
+    monkeypatch.setattr("bokehnet.cli.progress._is_terminal", lambda: True)
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+
+
+@pytest.fixture
 def folder(tmp_path, monkeypatch, write_channels, no_bar):
     """Work in a folder with photo.png, disparity.png (3 steps), camera.exr (R, G, B, Z, far), all 64x40."""
     monkeypatch.chdir(tmp_path)

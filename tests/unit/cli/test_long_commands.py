@@ -52,9 +52,8 @@ every = pytest.mark.parametrize(
 
 
 @every
-def test_progress_appears_on_stderr(words, cli, monkeypatch):
+def test_progress_appears_on_stderr(words, cli, on_terminal):
     """From the first moment on, also before anything is done."""
-    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
     arguments, label = words
     outcome = cli(*arguments)
     assert outcome.code == 0

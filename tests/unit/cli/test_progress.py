@@ -1,7 +1,7 @@
 import numba
 from tqdm import tqdm
 
-from bokehnet.cli.progress import compile_notice, progress, stages
+from bokehnet.cli.progress import compile_notice, progress, stages, write_above
 from bokehnet.precompiled.library import OFF
 
 
@@ -23,8 +23,7 @@ def test_compilation_is_announced_once(capsys):
     assert captured.err == "bokehnet: compiling kernels for this machine, once; this may take a minute\n"
 
 
-def test_a_bar_shows_compilation(capsys, monkeypatch):
-    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+def test_a_bar_shows_compilation(on_terminal, monkeypatch):
     kernel, shown = make_kernel(), []
     with compile_notice(), stages() as begin:
         begin("rendering")(1, 4)
@@ -60,19 +59,23 @@ def test_only_the_first_render_announces_compilation(folder, cli_process, monkey
     assert "compiling" not in second.err
 
 
-def test_progress_is_silent_when_the_work_is_short(capsys):
+def test_progress_is_silent_when_the_work_is_short(capsys, on_terminal, monkeypatch):
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 1.0)
     with progress("rendering") as report:
         report(0, 3)
         report(3, 3)
     assert capsys.readouterr() == ("", "")
 
 
-def test_stages_that_take_long_show_and_short_ones_are_silent(capsys, monkeypatch):
+def test_stages_that_are_short_are_silent(capsys, on_terminal, monkeypatch):
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 1.0)
     with stages() as begin:
         begin("reading")
         begin("writing")(1, 1)
     assert capsys.readouterr() == ("", "")
-    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+
+
+def test_stages_that_take_long_are_shown(capsys, on_terminal):
     with stages() as begin:
         begin("rendering")(1, 4)
         begin("writing")(1, 2)
@@ -81,8 +84,7 @@ def test_stages_that_take_long_show_and_short_ones_are_silent(capsys, monkeypatc
     assert "left" in shown
 
 
-def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, monkeypatch):
-    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, on_terminal):
     with progress("rendering") as report:
         report(1, 4)
         report(4, 4)
@@ -90,3 +92,15 @@ def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, 
     assert captured.out == ""
     assert "rendering" in captured.err
     assert "4/4" in captured.err
+
+
+def test_a_log_gets_lines_but_no_bar(capsys, monkeypatch):
+    """Stderr is no terminal here."""
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+    with stages() as begin:
+        begin("reading")(1, 4)
+        write_above("bokehnet: note: a warning")
+        begin("rendering")(1, 4)
+    with progress("tracing samples") as report:
+        report(4, 4)
+    assert capsys.readouterr() == ("", "bokehnet: note: a warning\n")
