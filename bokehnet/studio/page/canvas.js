@@ -28,6 +28,11 @@ export function draw(canvas, { header, pixels }) {
   context.drawImage(scratch, 0, 0, canvas.width, canvas.height);
 }
 
+/** Make a canvas transparent. */
+export function clear(canvas) {
+  contextOf(canvas).clearRect(0, 0, canvas.width, canvas.height);
+}
+
 /** Change the size of a canvas, and keep what it shows until it is drawn again. */
 export function resize(canvas, width, height) {
   if (canvas.width === width && canvas.height === height) return;

@@ -2,7 +2,7 @@
 
 import { ServerError, frame, frames, get, post, space, upload } from "./api.js";
 import { makeBanner, showBanner, showEstimate } from "./banner.js";
-import { contextOf, draw, histogram, mark, painted, resize } from "./canvas.js";
+import { clear, contextOf, draw, histogram, mark, painted, resize } from "./canvas.js";
 import { focusEnds } from "./focus.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
 import { makeQuick, sharpWords, shifted, showLightNote, showQuick } from "./quick.js";
@@ -164,6 +164,10 @@ async function opened(state) {
   if (isNew) {
     $("out-name").value = state.export_name;
     now.facts = {};
+    // The previous picture may have another shape, also in a preview that is still on its way.
+    running?.abort();
+    running = null;
+    for (const canvas of [result, before, over]) clear(canvas);
     clearPresets();
     view.fit();
     makeQuick($("quick"), state, (changes, event) => requestPreview({ changes, event }), () => toggleOverlay("light"));
