@@ -6,13 +6,14 @@ the command line thus follow the same rules and raise the same errors.
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import wraps
 from typing import Any
 
 import click
 
 from bokehnet.cli.parser import SectionedOption, completion
-from bokehnet.errors import BokehnetError, ErrorCollector, ParameterError
+from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import Group, Setting, field_settings
 from bokehnet.settings.preset import load_preset
@@ -68,7 +69,10 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
         @wraps(function)
         def run(**words: Any) -> None:
             own = {name: word for name, word in words.items() if _SEPARATOR not in name}
-            function(**own, option_values=_read(known, words))
+            values, errors = _read(known, words)
+            if errors:
+                raise _with_consequences(errors, values, own.get("settings"), own.get("preset"))
+            function(**own, option_values=values)
 
         result: Callable[..., None] = run
         for item in reversed(known):
@@ -90,14 +94,63 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
 
 def resolved_settings(file: str | None, preset: str | None, option_values: OptionValues) -> RenderSettings:
     """Return the settings of a file, overridden by a preset, overridden by options."""
-    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
-    look = {} if preset is None else load_preset(preset).values
-    changes = merged(base, look, option_values)
+    changes = _layered(file, preset, option_values)
     try:
         return RenderSettings().updated(changes)
     except ParameterError as error:
         others = _focus_errors(changes)
         raise error.with_others(others) if others else error from error.__cause__
+
+
+def _layered(file: str | None, preset: str | None, option_values: OptionValues) -> OptionValues:
+    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
+    look = {} if preset is None else load_preset(preset).values
+    return merged(base, look, option_values)
+
+
+def _with_consequences(
+    errors: list[ParameterError], values: OptionValues, file: str | None, preset: str | None
+) -> ParameterError:
+    """Return one error for invalid options and for the contradictions between the valid ones.
+
+    Args:
+        errors: Errors of the invalid options.
+        values: Values of the valid options.
+        file: Settings file.
+        preset: Preset.
+    """
+    first, *others = errors
+    known = {f"--{item.flag}": item.group for item in all_settings().values() if item.flag}
+    invalid = {known[error.parameter] for error in errors if error.parameter in known}
+    own = {item.group for item in all_settings().values()}
+    with suppress(BokehnetError):  # a file or preset that cannot be read: its own error comes next
+        changes = {group: fields for group, fields in _layered(file, preset, values).items() if group in own}
+        others += _contradictions(changes, invalid)
+    return first.with_others(others) if others else first
+
+
+def _contradictions(changes: OptionValues, invalid: set[str]) -> list[ParameterError]:
+    """Return errors of the groups without invalid options that mention no group with one.
+
+    The depth source decides about focus and camera: with an invalid ``input`` there are none.
+    """
+    from bokehnet.scene.focus_checks import check_focus  # only for errors
+
+    if "input" in invalid:
+        return []
+    valid = {group: fields for group, fields in changes.items() if group not in invalid}
+    found: list[ParameterError] = []
+    try:
+        settings = RenderSettings().updated(valid)
+    except ParameterError as error:
+        found = [error, *_focus_errors(valid)]
+    else:
+        try:
+            check_focus(settings)
+        except ParameterError as error:
+            found = [error]
+    mentioned = [{path.partition(".")[0] for path in (e.parameter, *_QUOTED.findall(str(e)))} for e in found]
+    return [error for error, groups in zip(found, mentioned, strict=True) if not groups & invalid]
 
 
 def _focus_errors(changes: OptionValues) -> list[ParameterError]:
@@ -176,25 +229,23 @@ def _value_attributes(known: Setting) -> dict[str, Any]:
     }
 
 
-def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
-    """Return the values of the options that the user set."""
+def _read(known: Sequence[Setting], words: dict[str, Any]) -> tuple[OptionValues, list[ParameterError]]:
+    """Return the valid values of the options that the user set, and the errors of the others."""
     values: OptionValues = {}
-    errors = ErrorCollector()
+    errors: list[ParameterError] = []
     for item in known:
         name = _key(item)
         variants = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
         present = {key: word for key, word in variants.items() if word is not None}
-        with errors.collect():
+        try:
             if len(present) > 1:
                 raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
             for key, word in present.items():
-                try:
-                    value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
-                except ParameterError as error:
-                    raise error.renamed(f"--{item.flag}") from error
+                value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
                 values.setdefault(item.group, {})[item.name] = value
-    errors.raise_all()
-    return values
+        except ParameterError as error:
+            errors.append(error.renamed(f"--{item.flag}"))
+    return values, errors
 
 
 def _key(known: Setting) -> str:

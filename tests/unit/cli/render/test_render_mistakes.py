@@ -51,6 +51,27 @@ ALL = [*MAP, *SIZES]
             [*MAP, "--blur", "wide", "--focus", 7, "--engine", "magic"],
             ["--blur: expected", "--focus: expected", "--engine: expected"],
         ),
+        (
+            [*MAP, "--blades", "x", "--focus-distance", 2],
+            ["--blades: expected", "got 'x'; --focus-distance: expected nothing: it does not apply"],
+        ),
+        (
+            [*ALL, "--strength", 4, "--blades", "x"],
+            ["--blades: expected", "--strength: expected one of --blur and --strength, got both"],
+        ),
+        (
+            [*ALL, "--lens", "petzval", "--jobs", 0],
+            ["--jobs: expected", "--lens: expected --engine rays or hybrid"],
+        ),
+        (
+            [*MAP, "--focus-distance", 2, "--quality", 80, "--quiet", "--verbose", "--jobs", 2],
+            [
+                "--quiet: expected no --verbose",
+                "--frames: expected frames",
+                "for --jobs",
+                "--quality: expected",
+            ],
+        ),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
         (
             [*PHOTO, "--depth", "camera.exr", *LENS, "--strength", 30],
@@ -75,6 +96,18 @@ ALL = [*MAP, *SIZES]
 )
 def test_a_mistake_in_the_words(fails, arguments, words):
     fails(arguments, *words)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [*PHOTO, "--constant-disparity", 0, "--focus", 0.5, "--f-number", "x"],  # not that there is no blur
+        [*PHOTO, "--focus", 0.5, "--strength", "x"],  # not that the focus needs a relative map
+        [*PHOTO, "--disparity", "disparity.png", "--ghosts", "ideal", "--lens-f-number", "x"],
+    ],
+)
+def test_an_invalid_option_is_not_reported_as_missing(fails, arguments):
+    fails(arguments, f"{arguments[-2]}: expected", "got 'x'; see bokehnet render --help")
 
 
 @pytest.mark.parametrize("pixel", [f"{WIDTH},0", f"0,{HEIGHT}", "-1,0", "999999,5"])
