@@ -74,7 +74,8 @@ class StoredMap:
         """Stored numbers: counts of an integer file, otherwise ``values``."""
         if self.largest_integer is None:
             return self.values
-        return np.rint(self.values.astype(np.float64) * self.largest_integer).astype(np.float32)
+        largest = self.largest_integer
+        return in_row_blocks(lambda rows: np.rint(rows.astype(np.float64) * largest), self.values)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
