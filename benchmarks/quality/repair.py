@@ -1,4 +1,4 @@
-"""Gain and harm of the depth repair: ``python -m benchmarks.quality.repair --harm`` or ``--ablate``.
+"""Gain and harm of the depth repair: ``python -m benchmarks.quality.repair --harm``, or another mode.
 
 ``--harm`` compares the repaired map with the map left alone, for maps of estimators that are not wrong at
 edges in the way of networks: exact maps at 384 and 2560 pixels, 8-bit, plane-sweep, stereo, lidar and
@@ -7,7 +7,8 @@ time-of-flight maps, maps with missing bands and outliers, random maps, and side
 pictures, dB; at 2560 pixels the fraction of changed pixels near edges. ``--data FOLDER`` evaluates faults on
 other path-traced scenes, in the layout of :func:`train.scores.evaluation_sets.path_traced_shots`.
 ``--sequence`` compares the gain on each faulty map as a still and as a frame of a pan, whose plan is the
-common one of crops, and prints the fraction of pixels in which both maps differ.
+common one of crops, and prints the fraction of pixels in which both maps differ. ``--file`` compares the ONNX
+file of ``bokehnet export --repair`` with the package.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.depth_repair.config import STAGES, RepairConfig
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import common_plan
+from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.aperture import Aperture
 from train.scores.evaluation_sets import path_traced_shots, scene_folders
 from train.scores.metrics import compare
@@ -133,14 +135,27 @@ def with_score_cache(case: Case) -> Case:
     return replace(case, score=score)
 
 
-def evaluate(cases: list[Case], repair: DisparityRepair) -> list[dict[str, float]]:
+class FileRepair:
+    """Depth repair of the ONNX file in place of that of the package."""
+
+    def __init__(self) -> None:
+        from bokehnet.onnx_file.depth_repair import build_repair
+
+        self._session = OnnxSession(build_repair().SerializeToString(), options={"log_severity_level": 3})
+
+    def __call__(self, image: np.ndarray, disparity: np.ndarray, _: str = "auto") -> np.ndarray:
+        """Return the repaired map."""
+        return self._session.run({"image": image, "disparity": disparity})[0]
+
+
+def evaluate(cases: list[Case], repair: Callable[..., np.ndarray]) -> list[dict[str, float]]:
     """Return gain (dB) and milliseconds of the processor of each case."""
     rows = []
     for case in cases:
         start = time.process_time()
-        result = repair.repair(case.image, case.disparity, "auto")
+        result = repair(case.image, case.disparity, "auto")
         seconds = time.process_time() - start
-        alone, after = case.score(case.disparity), case.score(result.disparity)
+        alone, after = case.score(case.disparity), case.score(result)
         rows.append({"alone": alone, "repaired": after, "gain": after - alone, "ms": 1000 * seconds})
     return rows
 
@@ -196,6 +211,23 @@ def sequence_rows(cases: list[Case], repair: DisparityRepair) -> list[dict[str, 
     return rows
 
 
+def compare_file(scenes: list[Scene]) -> dict[str, dict[str, float]]:
+    """Return by kind of map the edge PSNR of the map left alone, and repaired by the file and the package."""
+    cases = [with_score_cache(case) for case in (*fault_cases(scenes), *harm_cases(scenes))]
+    by_file, by_package = (
+        by_kind(cases, evaluate(cases, repair)) for repair in (FileRepair(), DisparityRepair())
+    )
+    return {
+        kind: {
+            "alone": row["alone"],
+            "file": row["repaired"],
+            "package": by_package[kind]["repaired"],
+            "lowest of the file": row["lowest"],
+        }
+        for kind, row in by_file.items()
+    }
+
+
 def ablate(scenes: list[Scene]) -> dict[str, dict[str, float]]:
     """Return gain on faults, gain and lowest gain on the harm set, and milliseconds without each stage."""
     faults, harm = (list(map(with_score_cache, cases(scenes))) for cases in (fault_cases, harm_cases))
@@ -224,6 +256,7 @@ def main() -> None:
     )
     parser.add_argument("--ablate", action="store_true", help="gain and harm without each stage")
     parser.add_argument("--sequence", action="store_true", help="gain on stills and on frames of a pan")
+    parser.add_argument("--file", action="store_true", help="gain of the ONNX file and of the package")
     parser.add_argument("--data", type=Path, help="folder of other path-traced scenes")
     parser.add_argument("--shots", type=int, default=2, help="shots per scene of --data, from the first")
     parser.add_argument("--scenes", type=int, default=_SCENES, help="number of traced scenes")
@@ -249,6 +282,9 @@ def main() -> None:
         print_table(tables["sequence"])
     if arguments.ablate:
         tables["ablate"] = ablate(scenes)
+    if arguments.file:
+        tables["file"] = compare_file(scenes)
+        print_table(tables["file"])
     if arguments.figures:
         count = "" if len(scenes) == _SCENES else f" --scenes {len(scenes)}"
         for name, table in tables.items():

@@ -39,7 +39,7 @@ from bokehnet.depth_repair.stages.deblur import (
 from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
-from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_pixels
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_mask
 from bokehnet.depth_repair.stages.thin_growth import grow_thin_structures
 from bokehnet.depth_repair.stages.thin_structures import restore_thin_structures
 from bokehnet.progress import Progress, ignore_progress
@@ -58,9 +58,6 @@ _MAX_RESIDUAL_RATIO = 0.73
 
 # Accepted fraction of the picture above which the reason names no percentage.
 _WHOLE_FRACTION = 0.995
-
-# Dilation of soft pixels that follow colour edges, pixels.
-_SOFT_DILATION_PX = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -249,7 +246,7 @@ class DisparityRepair:
         stages, versions = self._config.stages, []
         for growth in sorted({0, placement.growth}, key=abs):
             placed = replace(placement, growth=growth).apply(soft)
-            mask = local_extremes(soft_pixels(placed, MIN_EDGE_HEIGHT * span), _SOFT_DILATION_PX)[1]
+            mask = soft_mask(placed, span)
             blur, values = estimate_blur(placed, repaired, mask), repaired
             if "deblur" in stages and blur.sigma:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)

@@ -20,10 +20,10 @@ from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.bokehme import build_bokehme
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
-from bokehnet.onnx_file.layers import split_layers
 from bokehnet.onnx_file.neural import render_neural
+from bokehnet.onnx_file.occlusion.layers import split_layers
+from bokehnet.onnx_file.occlusion.rays import render_rays
 from bokehnet.onnx_file.polygon import Polygon, read_polygon
-from bokehnet.onnx_file.rays import render_rays
 from bokehnet.onnx_file.scatter import scatter_beyond
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
@@ -41,7 +41,7 @@ ONE_FILE_ENGINES = (*(name for name, spec in ENGINES.items() if spec.one_file), 
 _MAX_BASELINE_BLUR_PX = 10.0
 
 # Minimum PSNR in dB, of scene-linear light with white as the peak, between the file and the package. The file
-# of the rays estimates layers in a simpler form (:mod:`bokehnet.onnx_file.layers`).
+# of the rays estimates layers in a simpler form (:mod:`bokehnet.onnx_file.occlusion.layers`).
 PARITY, RAYS_PARITY = 50.0, 30.0
 
 # Heights, widths, blurs and gammas of the comparison: no side is a multiple of a block, one picture

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from bokehnet.cli.parser import PATH, SectionedCommand
 
@@ -21,20 +22,38 @@ __all__ = ["export"]
     type=PATH,
     help="Folder with networks to use in place of the shipped ones; they must correct engine scatter.",
 )
+@click.option(
+    "--repair",
+    is_flag=True,
+    help="Write the repair of soft depth maps, no engine: inputs image, disparity; output repaired.",
+)
 @click.option("--full", is_flag=True, hidden=True)
+@click.pass_context
 def export(
+    context: click.Context,
     output: Path,
     engine: str,
     weights: Path | None,
+    repair: bool,
     full: bool,
 ) -> None:
     """Write an engine as one ONNX file: inputs image, disparity, K, focus, gamma; output bokeh."""
     from bokehnet.checks import require_extra  # after parsing, so --help stays fast
-    from bokehnet.errors import ModelFileError
+    from bokehnet.errors import ModelFileError, ParameterError
     from bokehnet.io.files.atomic import check_target
 
     check_target(output, error=ModelFileError)
+    for name in ("engine", "weights"):
+        if repair and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise ParameterError(f"--{name}", "none with --repair", shown=str(context.params[name]))
     require_extra("onnx", "train")
+    if repair:
+        from bokehnet.onnx_file.depth_repair import export_repair
+
+        agreement = export_repair(output)
+        size = output.stat().st_size / 1e6
+        click.echo(f"wrote {output}: {size:.2f} MB, {agreement:.1%} of a soft map repaired as by the package")
+        return
     from bokehnet.cli.progress import compile_notice, progress
     from bokehnet.onnx_file.renderer import export_renderer
 

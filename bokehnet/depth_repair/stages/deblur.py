@@ -27,6 +27,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = [
+    "MEDIAN_PASSES",
     "BlurEstimate",
     "blur_map",
     "estimate_blur",
@@ -57,7 +58,7 @@ _ITERATIONS = 2
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
-_MEDIAN_PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
+MEDIAN_PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
 
 
 @njit(cache=True, parallel=True)
@@ -296,6 +297,6 @@ def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, 
         Map, (H, W), float32; each value lies within the range of its window.
     """
     colors = np.asarray(encode(image), np.float32)
-    for radius, color_sigma in _MEDIAN_PASSES:
+    for radius, color_sigma in MEDIAN_PASSES:
         disparity = weighted_median(colors, disparity, soft, radius, color_sigma, MIN_EDGE_HEIGHT * span)
     return disparity

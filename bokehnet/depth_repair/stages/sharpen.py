@@ -14,20 +14,35 @@ from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
 from bokehnet.depth_repair.filters import extend_rows, local_extremes
 
-__all__ = ["repair_soft_edges", "slope_mask", "soft_edge_fraction", "soft_pixels"]
+__all__ = [
+    "MAX_SLOPE_CHANGE",
+    "MIN_DISTANCE_FROM_EXTREMES",
+    "RADII_PX",
+    "SLOPE_STRIDE_PX",
+    "SOFT_DILATION_PX",
+    "SOFT_RADIUS_PX",
+    "repair_soft_edges",
+    "slope_mask",
+    "soft_edge_fraction",
+    "soft_mask",
+    "soft_pixels",
+]
 
 # Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height, and half
 # width of the window, pixels.
-_MIN_DISTANCE_FROM_EXTREMES, _SOFT_RADIUS_PX = 0.2, 2
+MIN_DISTANCE_FROM_EXTREMES, SOFT_RADIUS_PX = 0.2, 2
+
+# Half width of the surroundings of soft pixels in which the position of an edge is uncertain, pixels.
+SOFT_DILATION_PX = 2
 
 # Half widths of the windows in each pass, pixels; together they sharpen ramps of ten pixels.
-_RADII_PX = (3, 2)
+RADII_PX = (3, 2)
 
 # Slope test: the rise over this stride (pixels) at a pixel must continue on both sides, with a sum of
 # differences below this fraction of the rise. Gaussians wider than 6 pixels and ramps longer than 13 pixels
 # pass as slopes.
-_SLOPE_STRIDE_PX, _MAX_SLOPE_CHANGE = 3, 0.75
-_SLOPE_HALO_PX = 3 * _SLOPE_STRIDE_PX
+SLOPE_STRIDE_PX, MAX_SLOPE_CHANGE = 3, 0.75
+_SLOPE_HALO_PX = 3 * SLOPE_STRIDE_PX
 
 
 def slope_mask(disparity: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -48,13 +63,13 @@ def slope_mask(disparity: np.ndarray, mask: np.ndarray) -> np.ndarray:
         line = []
         for position in (0, 2, 4, 6):
             shift = [_SLOPE_HALO_PX, _SLOPE_HALO_PX]
-            shift[axis] = position * _SLOPE_STRIDE_PX
+            shift[axis] = position * SLOPE_STRIDE_PX
             line.append(padded[rows + shift[0], columns + shift[1]])
         before, rise_at, after = np.diff(line, axis=0)
         change += np.abs(rise_at - before) + np.abs(rise_at - after)
         rise += np.abs(rise_at)
     on_slope = np.zeros(disparity.shape, bool)
-    on_slope[rows, columns] = change < _MAX_SLOPE_CHANGE * rise
+    on_slope[rows, columns] = change < MAX_SLOPE_CHANGE * rise
     return on_slope
 
 
@@ -69,13 +84,23 @@ def soft_pixels(disparity: np.ndarray, min_height: float) -> np.ndarray:
     def make(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, _SLOPE_HALO_PX)
         values = disparity[window]
-        low, high = local_extremes(values, _SOFT_RADIUS_PX)
+        low, high = local_extremes(values, SOFT_RADIUS_PX)
         nearer = np.minimum(high - values, values - low)
-        soft = (nearer > _MIN_DISTANCE_FROM_EXTREMES * (high - low)) & (high - low > min_height)
+        soft = (nearer > MIN_DISTANCE_FROM_EXTREMES * (high - low)) & (high - low > min_height)
         soft &= ~slope_mask(values, soft)
         return soft[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.bool_)
+
+
+def soft_mask(disparity: np.ndarray, span: float) -> np.ndarray:
+    """Return the surroundings of soft pixels, in which the position of an edge is uncertain, (H, W) bool.
+
+    Args:
+        disparity: Map, (H, W), any unit.
+        span: Range of values that defines the minimum edge height.
+    """
+    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), SOFT_DILATION_PX)[1]
 
 
 def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
@@ -91,7 +116,7 @@ def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
 
     def make(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, _SLOPE_HALO_PX)
-        low, high = local_extremes(disparity[window], _SOFT_RADIUS_PX)
+        low, high = local_extremes(disparity[window], SOFT_RADIUS_PX)
         edges = high - low > MIN_EDGE_HEIGHT * span
         edges &= ~slope_mask(disparity[window], edges)
         return np.where(edges, ((high - low) / (span or 1)) ** (2 * by_height), 0)[inner]
@@ -118,9 +143,9 @@ def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.nd
     min_height = MIN_EDGE_HEIGHT * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = extend_rows(rows, _SLOPE_HALO_PX + sum(_RADII_PX))
+        window, inner = extend_rows(rows, _SLOPE_HALO_PX + sum(RADII_PX))
         sharp = values = disparity[window]
-        for radius in _RADII_PX:
+        for radius in RADII_PX:
             low, high = local_extremes(sharp, radius)
             nearer = np.where(high - sharp < sharp - low, high, low)
             changed = (high - low > min_height) & (nearer != sharp)

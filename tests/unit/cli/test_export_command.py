@@ -31,6 +31,22 @@ def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights,
     assert start(onnx.load(path)).run(None, inputs)[0].shape == (20, 30, 3)
 
 
+def test_the_repair_is_a_file_of_its_own(cli, no_bar, tmp_path):
+    import numpy as np
+    import onnx
+
+    path = tmp_path / "repair.onnx"
+    outcome = cli("export", "--repair", "-o", path)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert re.fullmatch(
+        rf"wrote {re.escape(str(path))}: 0\.\d+ MB, \d+\.\d% of a soft map repaired as by the package\n",
+        outcome.out,
+    )
+    disparity = np.abs(steps(20, 30, 1))
+    repaired = start(onnx.load(path)).run(None, {"image": picture(20, 30), "disparity": disparity})[0]
+    np.testing.assert_array_equal(repaired, disparity)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -40,6 +56,8 @@ def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights,
             ["-o", "out.onnx", "--engine", "hybrid"],
             ["expected one of bokehme, fast, neural, rays, got 'hybrid'"],
         ),
+        (["-o", "out.onnx", "--repair", "--engine", "fast"], ["--engine: expected none with --repair"]),
+        (["-o", "out.onnx", "--repair", "--weights", "."], ["--weights: expected none with --repair"]),
         ([], ["--output"]),
     ],
 )

@@ -10,7 +10,7 @@ from bokehnet.classical.layered.layers import split_layers as numba_layers  # no
 from bokehnet.classical.rays_renderer import rays  # noqa: E402
 from bokehnet.errors import ParameterError  # noqa: E402
 from bokehnet.onnx_file import renderer  # noqa: E402
-from bokehnet.onnx_file.layers import split_layers  # noqa: E402
+from bokehnet.onnx_file.occlusion.layers import split_layers  # noqa: E402
 from tests.unit.onnx_file.running import compiled, decibels, start  # noqa: E402
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from bokehnet.classical.rays_renderer import pupil_pattern
 from bokehnet.onnx_file.builder import Graph, Value
-from bokehnet.onnx_file.layers import GraphLayers
+from bokehnet.onnx_file.occlusion.layers import GraphLayers
 from bokehnet.onnx_file.pictures import pad_to_multiple
 from bokehnet.onnx_file.polygon import Polygon
 from bokehnet.optics.aperture import Aperture
@@ -278,7 +278,7 @@ def render_rays(g: Graph, layers: GraphLayers, error_map: Value, polygon: Polygo
 
     Args:
         g: Open graph.
-        layers: From :func:`bokehnet.onnx_file.layers.split_layers`.
+        layers: From :func:`bokehnet.onnx_file.occlusion.layers.split_layers`.
         error_map: Weight of the rays over the scatter, (H, W).
         polygon: Aperture in place of a disc, if it exists.
     """

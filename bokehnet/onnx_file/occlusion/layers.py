@@ -1,6 +1,6 @@
 """Layers of a picture as ONNX operators: unmixed pixels at depth edges, and the occluded background.
 
-Pixels are unmixed in :mod:`bokehnet.onnx_file.unmixing`. The rest is simpler than
+Pixels are unmixed in :mod:`bokehnet.onnx_file.occlusion.unmixing`. The rest is simpler than
 :mod:`bokehnet.classical.layered`: the background is the mean that eight directions find, with lines only
 along these directions and without exemplars; soft and slight steps of the defocus are not treated apart, nor
 are lights, and there is no third layer.
@@ -12,7 +12,7 @@ import numpy as np
 
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.onnx_file.builder import Graph, Value
-from bokehnet.onnx_file.unmixing import Picture, unmix, write_rows
+from bokehnet.onnx_file.occlusion.unmixing import Picture, unmix, write_rows
 
 __all__ = ["GraphLayers", "split_layers"]
 
