@@ -191,6 +191,7 @@ def make_web(folder: Path) -> None:
             shutil.copy(Path(download_folder) / runtime / name, folder / runtime)
     for engine in ("fast", "rays"):
         run(sys.executable, "-m", "bokehnet", "export", "-o", folder / f"{engine}.onnx", "--engine", engine)
+    run(sys.executable, "-m", "bokehnet", "export", "-o", folder / "repair.onnx", "--repair")
 
 
 def bundle_web(out: Path, version: str) -> Path:

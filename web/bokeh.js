@@ -45,3 +45,14 @@ export async function renderBokeh(session, photo, disparity, { K, focus, gamma =
   });
   return toImageData(bokeh);
 }
+
+/** Return the disparity of a photo, both as ImageData, with its soft edges at edges of the photo. */
+export async function repairDisparity(session, photo, disparity) {
+  const { repaired } = await session.run({ image: linearTensor(photo), disparity: disparityTensor(disparity) });
+  const result = new ImageData(disparity.width, disparity.height);
+  for (let i = 0; i < repaired.data.length; i++) {
+    result.data.fill(Math.round(255 * repaired.data[i]), 4 * i, 4 * i + 3);
+    result.data[4 * i + 3] = 255;
+  }
+  return result;
+}

@@ -1,6 +1,6 @@
 // All that takes long, away from the page: files to pixels, tiles through the network, the picture to be saved.
 
-import { renderBokeh } from "./bokeh.js";
+import { renderBokeh, repairDisparity } from "./bokeh.js";
 
 const RUNTIME = "./node_modules/onnxruntime-web/dist";
 
@@ -18,6 +18,11 @@ const AROUND = 43;
 // allows smaller tiles only.
 const RAYS = { around: 64, radii: 2, tile: 512 };
 
+// File of the depth repair, which a host may leave out, and the most pixels of a map that it repairs: windows of
+// the repair are a few pixels wide, and edges of larger maps are softer than these.
+const REPAIR = "./repair.onnx";
+const REPAIRED = 3e6;
+
 // Largest side of the picture that the page shows; the saved one has all pixels.
 const SHOWN = 1600;
 
@@ -25,8 +30,10 @@ const SHOWN = 1600;
 const FAITHFUL = 2;
 
 let session;
+let repair;
 let photo;
 let disparity;
+let isRepaired = true;
 let shown;
 let latest = 0;
 let tile = TILE;
@@ -134,6 +141,27 @@ async function load(model, provider) {
   }
   postMessage({ provider: "wasm", why });
   return sure;
+}
+
+/** Session of the depth repair; null where the host has no such file. */
+async function loadRepair() {
+  const answer = await fetch(REPAIR).catch(() => null);
+  if (!answer?.ok) return null;
+  return ort.InferenceSession.create(await answer.arrayBuffer(), { executionProviders: ["wasm"], logSeverityLevel: 3 });
+}
+
+/** Repair the map that was opened, once; it stays as it is where that is impossible. */
+async function repairOpened() {
+  if (isRepaired) return;
+  isRepaired = true;
+  if (photo.width * photo.height > REPAIRED) return;
+  try {
+    await session; // it loads the runtime
+    const network = await (repair ??= loadRepair());
+    if (network) disparity = await repairDisparity(network, photo, disparity);
+  } catch (error) {
+    postMessage({ notice: `The depth map is used as it is: its repair failed (${error.message ?? error}).` });
+  }
 }
 
 /** Whether an error says that there is too little memory: of the browser, of WebAssembly, or of the runtime. */
@@ -274,7 +302,7 @@ async function answer({ id, model, rays: traces, provider, canvas, open, estimat
     if (estimate) postMessage({ estimated: await estimated(estimate.photo, estimate.bytes) });
     if (open) {
       const one = await decoded("photo", open.photo);
-      [photo, disparity] = [one, await decoded("disparity", open.disparity, one)];
+      [photo, disparity, isRepaired] = [one, await decoded("disparity", open.disparity, one), false];
       fit(photo);
       postMessage({ opened: { width: photo.width, height: photo.height } });
     }
@@ -284,7 +312,10 @@ async function answer({ id, model, rays: traces, provider, canvas, open, estimat
       const column = Math.min(Math.floor(focusAt.x * width), width - 1);
       postMessage({ focus: disparity.data[4 * (row * width + column)] / 255 });
     }
-    if (numbers && photo && id === latest) await renderWithin(id, numbers);
+    if (numbers && photo && id === latest) {
+      await repairOpened();
+      await renderWithin(id, numbers);
+    }
   } catch (error) {
     postMessage({ error: error.message ?? String(error), id, of: error.of });
   }

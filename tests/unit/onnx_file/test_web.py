@@ -19,6 +19,7 @@ from bokehnet.inference.depth_models import find_depth_model
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity
+from bokehnet.onnx_file.depth_repair import build_repair
 from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.render.renderer import BokehRenderer
@@ -108,6 +109,20 @@ def rendered(page):
     return page.inner_text("#status"), base64.b64decode(saved)
 
 
+def shown(page, folder):
+    """Wait for the picture; its sRGB values, (H, W, 3)."""
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    return linear_to_srgb(read_image(folder / "saved.png"))
+
+
+def by_runtime(model, folder):
+    """Return the picture of ONNX Runtime on the CPU with a file and K 6, as sRGB values."""
+    fed = {"image": read_image(folder / "photo.png"), "disparity": read_disparity(folder / "disparity.png")}
+    fed |= {"K": 6, "focus": FOCUS, "gamma": 1}
+    fed = {name: np.asarray(value, np.float32) for name, value in fed.items()}
+    return linear_to_srgb(np.clip(start(model).run(None, fed)[0], 0, 1))
+
+
 def choose(page, folder, **names):
     """Put files into the form."""
     for control, name in names.items():
@@ -124,10 +139,8 @@ def wanted(folder, focus):
 @pytest.mark.slow
 def test_the_page_renders_what_the_package_renders(folder, address, page):
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
-    status, saved = rendered(page)
-    assert re.fullmatch(r"110x83 in \d+\.\d s", status)
-    (folder / "saved.png").write_bytes(saved)
-    image, picture = read_image(folder / "photo.png"), linear_to_srgb(read_image(folder / "saved.png"))
+    picture, image = shown(page, folder), read_image(folder / "photo.png")
+    assert re.fullmatch(r"110x83 in \d+\.\d s", page.inner_text("#status"))
     assert decibels(picture, wanted(folder, FOCUS)) > 50
     assert decibels(picture, linear_to_srgb(image)) < 40
 
@@ -139,17 +152,9 @@ def test_the_page_renders_other_files(engine, folder, address, page):
     model = build_model(engine=engine)
     (folder / "other.onnx").write_bytes(model.SerializeToString())
     page.goto(f"{address}/?model=other.onnx&photo=photo.png&disparity=disparity.png&K=6&focus={FOCUS}")
-    (folder / "saved.png").write_bytes(rendered(page)[1])
-    inputs = {
-        "image": read_image(folder / "photo.png"),
-        "disparity": read_disparity(folder / "disparity.png"),
-    }
-    numbers = {name: np.array(x, np.float32) for name, x in (("K", 6), ("focus", FOCUS), ("gamma", 1))}
-    inputs = {name: np.asarray(x, np.float32) for name, x in inputs.items()}
-    expected = linear_to_srgb(np.clip(start(model).run(None, inputs | numbers)[0], 0, 1))
-    picture = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(picture, expected) > 50
-    assert decibels(picture, linear_to_srgb(inputs["image"])) < 40
+    result = shown(page, folder)
+    assert decibels(result, by_runtime(model, folder)) > 50
+    assert decibels(result, linear_to_srgb(read_image(folder / "photo.png"))) < 40
 
 
 @pytest.mark.slow
@@ -158,18 +163,33 @@ def test_the_quality_is_a_choice_of_the_page(folder, address, page):
     model = build_model(engine="rays")
     (folder / "rays.onnx").write_bytes(model.SerializeToString())
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K=6&focus={FOCUS}")
-    (folder / "fast.png").write_bytes(rendered(page)[1])
+    fast = shown(page, folder)
     page.locator("summary", has_text="More").click()
     page.select_option("[name=quality]", "rays.onnx")
     page.wait_for_function("/Rendering/.test(document.querySelector('#status').textContent)")
-    (folder / "rays.png").write_bytes(rendered(page)[1])
-    fed = {"image": read_image(folder / "photo.png"), "disparity": read_disparity(folder / "disparity.png")}
-    fed |= {"K": 6, "focus": FOCUS, "gamma": 1}
-    fed = {name: np.asarray(value, np.float32) for name, value in fed.items()}
-    expected = linear_to_srgb(np.clip(start(model).run(None, fed)[0], 0, 1))
-    fast, rays = (linear_to_srgb(read_image(folder / f"{name}.png")) for name in ("fast", "rays"))
-    assert decibels(rays, expected) > 50
+    expected = by_runtime(model, folder)
+    assert decibels(shown(page, folder), expected) > 50
     assert decibels(fast, expected) < 45
+
+
+@pytest.mark.slow
+def test_soft_maps_are_repaired_where_the_host_has_the_file(folder, address, page):
+    """Authority: the picture with the true map, which the blurred one approaches by the repair only."""
+    y, x = np.mgrid[:90, :120]
+    true = np.where(np.hypot(y - 45, x - 50) < 25, 0.9, 0.2).astype(np.float32)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(true, 3, "edge"), (7, 7))
+    soft = windows.mean((2, 3)).astype(np.float32)
+    image = np.stack([true, 1 - true, 0.5 * true], -1) * (0.8 + 0.2 * picture(90, 120)[..., :1])
+    write_image(folder / "photo.png", image.astype(np.float32))
+    pictures = {}
+    for name, disparity in {"true": true, "soft": soft, "repaired": soft}.items():
+        write_map(folder / "disparity.png", disparity)
+        if name == "repaired":
+            (folder / "repair.onnx").write_bytes(build_repair().SerializeToString())
+        page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K=12&focus=0.9")
+        pictures[name] = shown(page, folder)
+    soft, repaired = (decibels(pictures[name], pictures["true"]) for name in ("soft", "repaired"))
+    assert repaired > soft + 3
 
 
 @pytest.mark.slow
@@ -178,8 +198,7 @@ def test_a_picture_in_tiles_is_the_whole_one(folder, address, page):
     worker = folder / "worker.js"
     worker.write_text(worker.read_text().replace("const TILE = 1024", "const TILE = 64"))
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
-    (folder / "saved.png").write_bytes(rendered(page)[1])
-    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    picture = shown(page, folder)
     assert decibels(picture, wanted(folder, FOCUS)) > 50
 
 
@@ -194,8 +213,7 @@ def test_a_click_focuses_there(folder, address, page):
         4:7, 4:7
     ]  # the canvas may begin within a pixel of the screen
     assert near.min() - 0.003 < focus < near.max() + 0.003
-    (folder / "saved.png").write_bytes(rendered(page)[1])
-    picture = linear_to_srgb(read_image(folder / "saved.png"))
+    picture = shown(page, folder)
     assert decibels(picture, wanted(folder, focus)) > 50
 
 
@@ -250,8 +268,7 @@ def test_dropped_files_are_rendered_at_once_in_any_order(folder, address, page, 
         }""",
         encoded,
     )
-    (folder / "saved.png").write_bytes(rendered(page)[1])
-    assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
+    assert decibels(shown(page, folder), wanted(folder, FOCUS)) > 50
     assert page.locator("form input[type=range]").count() == 2
 
 
@@ -325,7 +342,7 @@ def test_a_drag_shows_a_quick_picture_and_the_renderers_after_it(folder, address
         BLUR,
     )
     page.wait_for_function("window.previews > 0", timeout=60_000)
-    shown = page.evaluate(
+    codes = page.evaluate(
         """() => {
             const quick = document.querySelector("#preview"), copy = document.createElement("canvas");
             [copy.width, copy.height] = [110, 83];
@@ -333,12 +350,11 @@ def test_a_drag_shows_a_quick_picture_and_the_renderers_after_it(folder, address
             return [...copy.getContext("2d").getImageData(0, 0, 110, 83).data];
         }"""
     )
-    result = np.array(shown, np.float32).reshape(83, 110, 4)[..., :3] / 255
+    result = np.array(codes, np.float32).reshape(83, 110, 4)[..., :3] / 255
     sharp = linear_to_srgb(read_image(folder / "photo.png"))
     assert decibels(result, wanted(folder, FOCUS)) > decibels(sharp, wanted(folder, FOCUS)) + 3
     page.wait_for_function("document.querySelector('#preview').hidden", timeout=200_000)
-    (folder / "saved.png").write_bytes(rendered(page)[1])
-    assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
+    assert decibels(shown(page, folder), wanted(folder, FOCUS)) > 50
 
 
 @pytest.mark.slow
@@ -360,8 +376,7 @@ def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address):
         page.goto(f"{address}/?{query}")
         page.wait_for_function("document.body.dataset.provider", timeout=100_000)
         assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#notice")
-        (folder / "saved.png").write_bytes(rendered(page)[1])
-    picture = linear_to_srgb(read_image(folder / "saved.png"))
+        picture = shown(page, folder)
     assert decibels(picture, wanted(folder, FOCUS)) > 50
 
 
