@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.resample import resample
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.errors import BokehnetError
+from bokehnet.errors import BokehnetError, ShapeError
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
@@ -43,6 +43,10 @@ _MAX_CACHED_VIEWS = 6
 
 # Environment variable with the maximum number of pixels of a file, and its default.
 MAX_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
+
+# Relative difference between the ratios of sides of map and picture above which the map is refused: networks
+# round the sides of their maps.
+_MAX_SHAPE_DIFFERENCE = 0.03
 
 # Extensions of exports by those of pictures.
 _EXPORT_SUFFIXES = {
@@ -99,10 +103,22 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
         settings = replace(settings, input=flat, camera=CameraSettings(blur=settings.camera.blur))
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
     if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:
+        if not settings.depth.resize:
+            _check_shape(scene)
         settings = replace(settings, depth=replace(settings.depth, resize=True))
     values = map_at_picture_size(scene, replace(settings.depth, repair="off"))
     depth = replace(scene.depth, values=values, filtered=None, fits_any_size=False)
     return replace(scene, depth=depth), _completed(settings, scene)
+
+
+def _check_shape(scene: Scene) -> None:
+    """Raise ``ShapeError`` if the map belongs to another picture: if their sides have other ratios."""
+    (height, width), (rows, columns) = scene.image.shape[:2], scene.depth.values.shape
+    if abs(columns * height / (rows * width) - 1) > _MAX_SHAPE_DIFFERENCE:
+        raise ShapeError(
+            f"the depth map has {columns}x{rows} pixels, the picture {width}x{height}: expected a map of the "
+            "same shape; choose the map of this picture"
+        )
 
 
 def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
@@ -111,18 +127,20 @@ def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
     if depth.kind == "defocus":
         return settings
     changes: dict[str, dict[str, Any]] = {"camera": {}, "focus": {}}
+    near, far = (1.0, 1.0) if focus.value is None else (focus.value, focus.value)
+    has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
+    is_set = any(getattr(focus, name) not in (None, "off") for name in FocusSettings.ONE_OF)
+    if not has_focus and not is_set:
+        subject = find_subject(scene.image, depth.values)
+        changes["focus"], near, far = _subject_focus(focus, scene, subject), subject.near, subject.far
     if depth.kind == "relative" and camera.blur is None and camera.f_number is None:
-        # A strength becomes a radius, with the focus at the nearest point, as the focus moves.
-        blur = completed_blur(camera, depth, 1.0, 1.0, _result_window(scene))[0].blur
+        # A strength becomes a radius with the focus of the opened picture; it stays as the focus moves.
+        blur = completed_blur(camera, depth, near, far, _result_window(scene))[0].blur
         assert blur is not None
         changes["camera"] = {"blur": round(blur, 1), "strength": None}
     for name, default in _DEFAULT_CAMERA.items() if depth.kind == "metric" else ():
         if getattr(camera, name) is None and getattr(depth.camera, name, None) is None:
             changes["camera"][name] = default
-    has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
-    is_set = any(getattr(focus, name) not in (None, "off") for name in FocusSettings.ONE_OF)
-    if not has_focus and not is_set:
-        changes["focus"] = _subject_focus(focus, scene, find_subject(scene.image, depth.values))
     return settings.updated(changes)
 
 

@@ -5,11 +5,16 @@ import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 
+from bokehnet.errors import ShapeError
+from bokehnet.io.image import write_image, write_map
 from bokehnet.render.look import make_aperture
+from bokehnet.render.renderer import BokehRenderer
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.background import BackgroundProcess
+from bokehnet.studio.opened import open_picture
 from bokehnet.studio.preview import preview
 from bokehnet.studio.preview.preview import Canvas, Previews
 from tests.unit.studio.conftest import SIZE
@@ -67,3 +72,32 @@ def test_tables_of_shapes_wait_for_the_first_picture(opened, monkeypatch):
     assert [picture.stage for picture in stages][-1] == "final"
     assert prepared.wait(5)
     previews.close()
+
+
+def test_the_first_look_has_the_blur_of_the_command_line(tmp_path):
+    """Authority: the prepared scene of a render without options of the look."""
+    disparity = np.full((64, 96), 0.2, np.float32)
+    disparity[16:52, 30:64] = 0.7
+    disparity[0, 0], disparity[0, 1] = 0.0, 1.0
+    write_image(tmp_path / "photo.png", np.full((64, 96, 3), 0.3, np.float32) + 0.3 * disparity[..., None])
+    write_map(tmp_path / "map.png", disparity)
+    changes = {"input": {"disparity": str(tmp_path / "map.png")}, "depth": {"repair": "off"}}
+    settings = RenderSettings().updated(changes)
+    scene, completed = open_picture(tmp_path / "photo.png", settings, report=lambda done, total: None)
+    renderer = BokehRenderer()
+    first, command = (renderer.prepare(scene, each) for each in (completed, settings))
+    assert np.abs(first.defocus).max() == pytest.approx(np.abs(command.defocus).max(), abs=0.1)
+    assert np.abs(command.defocus).max() > 2
+
+
+@pytest.mark.parametrize(("width", "height", "fits"), [(48, 32, True), (49, 32, True), (48, 64, False)])
+def test_a_map_of_another_shape_is_refused(files, tmp_path, width, height, fits):
+    write_map(tmp_path / "map.png", np.tile(np.linspace(0, 1, width, dtype=np.float32), (height, 1)))
+    settings = RenderSettings().updated({"input": {"disparity": str(tmp_path / "map.png")}})
+    words = (files / "photo.png", settings)
+    if fits:
+        scene, _ = open_picture(*words, report=lambda done, total: None)
+        assert scene.depth.values.shape == scene.image.shape[:2]
+        return
+    with pytest.raises(ShapeError, match=r"48x64 pixels, the picture 96x64.*of this picture"):
+        open_picture(*words, report=lambda done, total: None)
