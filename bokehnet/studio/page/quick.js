@@ -65,7 +65,7 @@ function makeLens(place, state, change) {
   const equivalent = relative ? " As on a full-frame camera with the nearest point at 1 m." : "";
   controls.stop = row(place, "Aperture", `A smaller f-number blurs more.${equivalent}`, [stops], (event) => change(initial(), event));
   if (relative) {
-    const maximum = Math.max(60, Math.round(0.1 * state.width));
+    const maximum = Math.max(60, Math.round(0.16 * Math.max(state.width, state.height))); // twice the default at least
     const blur = slider({ id: "blur", min: 0, max: maximum, step: 0.5 }, (event) =>
       change({ camera: { blur: Number(event.target.value), f_number: null, strength: null } }, event));
     controls.blur = row(place, "Blur", "Radius of a point of light at the nearest point, with the farthest in focus.", [blur], (event) =>
