@@ -37,8 +37,6 @@ class RepairConfig:
             cannot be separated.
         min_softness: Fraction of soft edges from which the edges of a map are sharpened and follow colour
             edges. Sharp maps of hair have up to 0.17.
-        clear_softness: Fraction of soft edges from which they are sharpened where nothing better is certain:
-            maps of plane sweeps have up to 0.47, whose soft edges are accurate, those of networks up to 0.74.
         max_thin_fraction: Fraction of thin structures below which they are grown, because the map may have
             lost them: 0.000 in opened and eroded maps, 0.006 and more in maps of stereo and in blurred maps,
             0.043 and more in exact maps of scenes with thin structures.
@@ -59,7 +57,6 @@ class RepairConfig:
     stages: frozenset[str] = frozenset(STAGES)
     noise_range: tuple[float, float] = (0.003, 0.04)
     min_softness: float = 0.25
-    clear_softness: float = 0.75
     max_thin_fraction: float = 0.002
     base_side_px: int = 1024
     max_shift_px: int = 7

@@ -174,28 +174,17 @@ class DisparityRepair:
         else:
             diagnosis = _planned_diagnosis(plan, noise, scale)
         decides = mode == "auto"
-        is_uncertain = decides and diagnosis.certainty < config.min_certainty
-        if is_uncertain and softness < config.clear_softness:
+        if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
         proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
-        candidates = () if is_uncertain else diagnosis.candidates
-        for number, placement in enumerate(candidates if decides else [diagnosis.placement]):
+        for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
             progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
             proposed = self._propose(colors, start, small if is_soft else None, placement)
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
-        if decides and softness >= config.clear_softness:
-            span = float(np.ptp(start))
-            snapped = snap_soft_edges(colors.transpose(1, 2, 0), start, soft_mask(small, span), span)
-            proposal = np.where(_enlarged(blocks, start.shape), proposal, snapped)
-        if (
-            decides
-            and not is_uncertain
-            and "grow" in config.stages
-            and diagnosis.thin_fraction < config.max_thin_fraction
-        ):
+        if decides and "grow" in config.stages and diagnosis.thin_fraction < config.max_thin_fraction:
             grown = grow_thin_structures(
                 colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
             )
@@ -291,7 +280,6 @@ def _planned_diagnosis(plan: RepairPlan, noise: float, scale: int) -> Diagnosis:
         placement=placement,
         candidates=(placement, local) if placement == NO_PLACEMENT != local else (placement,),
         thin_fraction=plan.thin_fraction,
-        certainty=plan.certainty,
     )
 
 
@@ -323,7 +311,6 @@ def _result(
         noise=diagnosis.noise,
         local_shift=scale * sum(candidate.growth for candidate in diagnosis.candidates[1:]),
         thin_fraction=diagnosis.thin_fraction,
-        certainty=float(diagnosis.certainty),
     )
     noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
     return RepairedMap(

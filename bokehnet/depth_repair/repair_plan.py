@@ -20,7 +20,6 @@ class RepairPlan:
         local_shift: Edge bias that is tried as well, pixels, and accepted in each place where the picture
             agrees better; 0 if the edges are off everywhere or nowhere.
         thin_fraction: Fraction of thin structures; maps without any may have lost them.
-        certainty: Certainty of the decisions, see :class:`bokehnet.depth_repair.diagnosis.Diagnosis`.
     """
 
     repaired: bool
@@ -30,7 +29,6 @@ class RepairPlan:
     noise: float | None = 0.0
     local_shift: int = 0
     thin_fraction: float = 1.0
-    certainty: float = 1.0
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
@@ -51,5 +49,4 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
         noise=sorted(plan.noise or 0.0 for plan in plans)[middle],
         local_shift=sorted(plan.local_shift for plan in plans)[middle],
         thin_fraction=sorted(plan.thin_fraction for plan in plans)[middle],
-        certainty=sorted(plan.certainty for plan in plans)[middle],
     )
