@@ -64,6 +64,8 @@ const renderer = (model) => ({ model, rays: /rays/.test(model), provider: query.
 const { quality } = form.elements;
 quality.closest("p").hidden = query.has("model");
 begin(worker, result, renderer(query.get("model") ?? quality.value));
+const { sharpen } = form.elements;
+fetch("repair.onnx", { method: "HEAD" }).then(({ ok }) => (sharpen.closest("p").hidden = !ok), () => {});
 begin(previewer, quick);
 
 const NUMBERS = ["K", "focus", "gamma"];
@@ -288,6 +290,7 @@ result.addEventListener("click", (event) => {
 form.addEventListener("input", ({ target }) => {
   if (target.type === "file") return;
   if (target === quality) worker.postMessage(renderer(quality.value));
+  if (target === sharpen) worker.postMessage({ sharpen: sharpen.checked });
   showNumbers();
   follow();
 });

@@ -32,8 +32,9 @@ const FAITHFUL = 2;
 let session;
 let repair;
 let photo;
-let disparity;
-let isRepaired = true;
+let given; // the map that was opened
+let disparity; // the map in use
+let sharpens = false;
 let shown;
 let latest = 0;
 let tile = TILE;
@@ -150,17 +151,16 @@ async function loadRepair() {
   return ort.InferenceSession.create(await answer.arrayBuffer(), { executionProviders: ["wasm"], logSeverityLevel: 3 });
 }
 
-/** Repair the map that was opened, once; it stays as it is where that is impossible. */
-async function repairOpened() {
-  if (isRepaired) return;
-  isRepaired = true;
-  if (photo.width * photo.height > REPAIRED) return;
+/** Choose the map to render with: the one that was opened or, if the page asks for it, the sharpened one. */
+async function chooseMap() {
+  disparity = given;
+  if (!sharpens || photo.width * photo.height > REPAIRED) return;
   try {
     await session; // it loads the runtime
     const network = await (repair ??= loadRepair());
-    if (network) disparity = await repairDisparity(network, photo, disparity);
+    if (network) disparity = await repairDisparity(network, photo, given);
   } catch (error) {
-    postMessage({ notice: `The depth map is used as it is: its repair failed (${error.message ?? error}).` });
+    postMessage({ notice: `The depth map is used as it is: sharpening failed (${error.message ?? error}).` });
   }
 }
 
@@ -292,7 +292,7 @@ async function render(id, numbers) {
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, rays: traces, provider, canvas, open, estimate, focusAt, numbers }) {
+async function answer({ id, model, rays: traces, provider, canvas, open, estimate, sharpen, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
     if (model) {
@@ -302,9 +302,14 @@ async function answer({ id, model, rays: traces, provider, canvas, open, estimat
     if (estimate) postMessage({ estimated: await estimated(estimate.photo, estimate.bytes) });
     if (open) {
       const one = await decoded("photo", open.photo);
-      [photo, disparity, isRepaired] = [one, await decoded("disparity", open.disparity, one), false];
+      [photo, given] = [one, await decoded("disparity", open.disparity, one)];
+      await chooseMap();
       fit(photo);
       postMessage({ opened: { width: photo.width, height: photo.height } });
+    }
+    if (sharpen !== undefined) {
+      sharpens = sharpen;
+      if (photo) await chooseMap();
     }
     if (focusAt) {
       const { width, height } = photo;
@@ -312,10 +317,7 @@ async function answer({ id, model, rays: traces, provider, canvas, open, estimat
       const column = Math.min(Math.floor(focusAt.x * width), width - 1);
       postMessage({ focus: disparity.data[4 * (row * width + column)] / 255 });
     }
-    if (numbers && photo && id === latest) {
-      await repairOpened();
-      await renderWithin(id, numbers);
-    }
+    if (numbers && photo && id === latest) await renderWithin(id, numbers);
   } catch (error) {
     postMessage({ error: error.message ?? String(error), id, of: error.of });
   }
