@@ -24,6 +24,7 @@ __all__ = [
     "ALLOW",
     "DownloadOffer",
     "cached_file",
+    "check_download",
     "consent_text",
     "download",
     "download_offer",
@@ -32,8 +33,11 @@ __all__ = [
     "model_file",
 ]
 
-# Environment variable that allows downloads in advance, for scripts and servers.
+# Environment variable that allows (1, yes, true) or forbids (0, no, false) downloads, for scripts and servers.
 ALLOW = "BOKEHNET_DOWNLOADS"
+
+# Other ways to the depth of a picture.
+_WITHOUT_DOWNLOAD = "`bokehnet render` also takes any ONNX file by --depth-model FILE, or a map by --disparity MAP"
 
 _BLOCK_BYTES = 2**20
 
@@ -93,11 +97,12 @@ def fetch_model(
     """Return the verified file of a network; download it if the user agrees.
 
     Nothing is sent or stored before ``agree`` returns True. The environment variable ``BOKEHNET_DOWNLOADS``
-    agrees in advance.
+    agrees or declines in advance.
 
     Args:
         model: Network.
-        agree: Function that shows an offer and returns the answer; not called if the file is there.
+        agree: Function that shows an offer and returns the answer; not called if the file is there, or if the
+            environment forbids the download.
         progress: Called with (bytes done, total bytes); may raise ``RenderCancelled``.
 
     Raises:
@@ -107,15 +112,43 @@ def fetch_model(
     file = cached_file(model)
     if file is not None:
         return file
+    check_download(model)
     offer = download_offer(model)
     if not (downloads_allowed() or agree(offer)):
-        raise ModelFileError(f"{model.name}: download declined; any ONNX file can be used instead")
+        raise ModelFileError(f"{model.name}: download declined; {_WITHOUT_DOWNLOAD}")
     return download(model, progress)
 
 
 def downloads_allowed() -> bool:
     """Return whether the environment allows downloads."""
     return os.environ.get(ALLOW, "").lower() in ("1", "yes", "true")
+
+
+def check_download(model: DepthModel) -> None:
+    """Raise if the environment forbids to download ``model``, so that nobody is asked in vain.
+
+    Raises:
+        ModelFileError: ``HF_HUB_OFFLINE`` is set, or ``BOKEHNET_DOWNLOADS`` is 0, no or false.
+        MissingExtraError: ``huggingface_hub`` is not installed.
+    """
+    model.check_available()
+    _load_hub()
+    from huggingface_hub import constants
+
+    if constants.HF_HUB_OFFLINE:
+        raise ModelFileError(
+            f"{model.name}: expected a connection, HF_HUB_OFFLINE is set, and {_folder()} has no "
+            f"{_source(model)}; unset it, or copy that folder from a machine that has it; {_WITHOUT_DOWNLOAD}"
+        )
+    if os.environ.get(ALLOW, "").lower() in ("0", "no", "false"):
+        raise ModelFileError(
+            f"{model.name}: {ALLOW} forbids downloads, and {_folder()} has no {_source(model)}; "
+            f"unset it, or copy that folder from a machine that has it; {_WITHOUT_DOWNLOAD}"
+        )
+
+
+def _source(model: DepthModel) -> str:
+    return f"{model.file} of {model.repository} at {model.revision[:12]}"
 
 
 def consent_text(model: DepthModel) -> str:
@@ -184,16 +217,10 @@ def download(model: DepthModel, progress: Progress | None = None) -> Path:
         ModelFileError: The hub is unreachable, has no such file, or sent a file with another hash.
         MissingExtraError: As :func:`model_file`.
     """
-    model.check_available()
-    _load_hub()
-    from huggingface_hub import constants, errors, hf_hub_download
+    check_download(model)
+    from huggingface_hub import errors, hf_hub_download
 
-    source = f"{model.file} of {model.repository} at {model.revision[:12]}"
-    if constants.HF_HUB_OFFLINE:
-        raise ModelFileError(
-            f"{model.name}: expected a connection, HF_HUB_OFFLINE is set, and {_folder()} has no {source}; "
-            "unset it, or copy that folder from a machine that has it"
-        )
+    source = _source(model)
     try:
         _check_connection(model)
         bar = None if progress is None else _reporting_bar(progress, model.bytes)

@@ -107,7 +107,7 @@ def ensure_depth(image: Path, settings: "RenderSettings") -> None:
     if has_own_depth(image):
         return
     from bokehnet.inference.depth_models import recommended_model
-    from bokehnet.inference.model_download import downloads_allowed
+    from bokehnet.inference.model_download import check_download, downloads_allowed
     from bokehnet.scene.depth.network_depth import cached_network
 
     if cached_network() is not None:
@@ -115,6 +115,7 @@ def ensure_depth(image: Path, settings: "RenderSettings") -> None:
     model = recommended_model()
     if model is None or not (_is_terminal() or downloads_allowed()):
         raise no_depth_error(image)
+    check_download(model)
     click.echo(f"{image} has no depth map; a network can estimate it.", err=True)
     _fetch(model)
 

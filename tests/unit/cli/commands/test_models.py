@@ -116,14 +116,14 @@ def on_terminal(hub, tmp_path):
     """Run a command with a terminal as stdin and stderr, and type an answer."""
     pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
 
-    def call(answer, *words):
+    def call(answer, *words, **variables):
         result, reference = pty.openpty()
         clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
         reports = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
         process = subprocess.Popen(
             [sys.executable, "-c", RUN, *words],
             cwd=tmp_path,
-            env=clean | reports | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            env=clean | reports | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
             stdin=reference,
             stderr=reference,
             stdout=subprocess.DEVNULL,
@@ -146,6 +146,8 @@ def test_a_photo_alone_is_rendered_after_one_question_on_a_terminal(on_terminal,
     assert (code, "1 kB" in shown, "licence mit" in shown) == (1, True, True), shown
     assert f"{tmp_path / 'cache'}" in shown.replace("\r\n", "")
     assert "download declined" in shown
+    assert "--depth-model FILE" in shown
+    assert "--disparity MAP" in shown
     assert (hub.asked, stored(tmp_path), (tmp_path / "photo_bokeh.png").exists()) == ([], [], False)
 
     code, shown = on_terminal("y\n", "render", "photo.png", "--engine", "scatter")
@@ -156,6 +158,17 @@ def test_a_photo_alone_is_rendered_after_one_question_on_a_terminal(on_terminal,
     code, shown = on_terminal("", "render", "photo.png", "--engine", "scatter")
     assert (code, "Download it?" in shown) == (0, False)
     assert (tmp_path / "photo_bokeh_2.png").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value"), [("HF_HUB_OFFLINE", "1"), ("BOKEHNET_DOWNLOADS", "no")])
+def test_nothing_is_asked_on_a_terminal_if_the_environment_forbids_downloads(on_terminal, hub, name, value):
+    code, shown = on_terminal("y\n", "render", "photo.png", **{name: value})
+    shown = shown.removeprefix("y\r\n")  # echo of the terminal
+    assert (code, shown.count("\n"), "Download it?" in shown) == (1, 1, False), shown
+    for word in (name, "onnx/model.onnx", "--depth-model FILE", "--disparity MAP"):
+        assert word in shown
+    assert hub.asked == []
 
 
 @pytest.mark.slow
