@@ -37,7 +37,9 @@ __all__ = [
 ALLOW = "BOKEHNET_DOWNLOADS"
 
 # Other ways to the depth of a picture.
-_WITHOUT_DOWNLOAD = "`bokehnet render` also takes any ONNX file by --depth-model FILE, or a map by --disparity MAP"
+_WITHOUT_DOWNLOAD = (
+    "`bokehnet render` also takes any ONNX file by --depth-model FILE, or a map by --disparity MAP"
+)
 
 _BLOCK_BYTES = 2**20
 
