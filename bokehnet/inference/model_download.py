@@ -33,7 +33,7 @@ __all__ = [
     "model_file",
 ]
 
-# Environment variable that allows (1, yes, true) or forbids (0, no, false) downloads, for scripts and servers.
+# Environment variable that allows (1, yes, true) or forbids (0, no, false) downloads in advance.
 ALLOW = "BOKEHNET_DOWNLOADS"
 
 # Other ways to the depth of a picture.
