@@ -39,9 +39,9 @@ __all__ = ["REPAIR_PARITY", "build_repair", "export_repair"]
 REPAIR_PARITY = 0.995
 
 # Fraction of soft edges from which a map is repaired. Maps of plane sweeps have up to 0.47, and would lose
-# 2 dB at edges, those of networks up to 0.74: the package judges whether their edges are accurate, the file
+# 2 dB at edges, those of networks up to 0.80: the package judges whether their edges are accurate, the file
 # does not.
-_MIN_SOFTNESS = 0.75
+_MIN_SOFTNESS = 0.8
 
 # Pixels for which weighted medians are computed at once: a pixel needs about 5 kB.
 _CHUNK_PIXELS = 1 << 14
