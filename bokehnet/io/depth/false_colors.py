@@ -86,9 +86,7 @@ def _nearest(
     # Not as a matrix product: for three products per value the threads of BLAS cost more than they gain.
     for first in range(0, len(colors), _BLOCK):
         block = colors[first : first + _BLOCK]
-        scores = (
-            squares - block[:, :1] * doubled[0]
-        )  # for three products BLAS's threads cost more than they gain
+        scores = squares - block[:, :1] * doubled[0]
         scores -= block[:, 1:2] * doubled[1]
         scores -= block[:, 2:] * doubled[2]
         index[first : first + _BLOCK] = np.argmin(scores, axis=1)

@@ -224,7 +224,7 @@ def test_a_broken_photo_is_reported_and_the_next_one_works(folder, address, page
         "document.querySelector('#status').textContent.startsWith('Failed')", timeout=60_000
     )
     assert "no picture that this browser can read" in page.inner_text("[data-fault=photo]")
-    choose(page, folder, photo="photo", disparity="disparity")  # begins by itself
+    choose(page, folder, photo="photo")  # begins by itself, once: the disparity is there
     page.wait_for_function("/ in /.test(document.querySelector('#status').textContent)", timeout=200_000)
     assert page.inner_text("[data-fault=photo]") == ""
     shown = page.evaluate("document.querySelector('#save').href")
