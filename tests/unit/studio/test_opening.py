@@ -14,10 +14,16 @@ from bokehnet.render.look import make_aperture
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.background import BackgroundProcess
-from bokehnet.studio.opened import open_picture
+from bokehnet.studio.opened import MAX_PIXELS, open_picture
 from bokehnet.studio.preview import preview
 from bokehnet.studio.preview.preview import Canvas, Previews
 from tests.unit.studio.conftest import SIZE
+
+
+@pytest.fixture
+def own_limit(monkeypatch):
+    """The limit of pixels, which `open_picture` sets for its process, ends with the test."""
+    monkeypatch.setenv(*MAX_PIXELS)
 
 
 def process_facts(module, report):
@@ -74,7 +80,7 @@ def test_tables_of_shapes_wait_for_the_first_picture(opened, monkeypatch):
     previews.close()
 
 
-def test_the_first_look_has_the_blur_of_the_command_line(tmp_path):
+def test_the_first_look_has_the_blur_of_the_command_line(own_limit, tmp_path):
     """Authority: the prepared scene of a render without options of the look."""
     disparity = np.full((64, 96), 0.2, np.float32)
     disparity[16:52, 30:64] = 0.7
@@ -91,7 +97,7 @@ def test_the_first_look_has_the_blur_of_the_command_line(tmp_path):
 
 
 @pytest.mark.parametrize(("width", "height", "fits"), [(48, 32, True), (49, 32, True), (48, 64, False)])
-def test_a_map_of_another_shape_is_refused(files, tmp_path, width, height, fits):
+def test_a_map_of_another_shape_is_refused(own_limit, files, tmp_path, width, height, fits):
     write_map(tmp_path / "map.png", np.tile(np.linspace(0, 1, width, dtype=np.float32), (height, 1)))
     settings = RenderSettings().updated({"input": {"disparity": str(tmp_path / "map.png")}})
     words = (files / "photo.png", settings)
