@@ -28,6 +28,7 @@ from bokehnet.errors import ModelFileError
 from bokehnet.io.files.atomic import write_atomic
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.occlusion.unmixing import write_rows
+from bokehnet.onnx_file.pictures import local_extremes
 from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.encoding import encode
 from bokehnet.version import __version__
@@ -45,15 +46,6 @@ _MIN_SOFTNESS = 0.8
 
 # Pixels for which weighted medians are computed at once: a pixel needs about 5 kB.
 _CHUNK_PIXELS = 1 << 14
-
-
-def _extremes(g: Graph, values: Value, radius: int) -> tuple[Value, Value]:
-    """Return the smallest and the largest value of the square window around each pixel, (H, W)."""
-    height, width = values.size(0), values.size(1)
-    batch, side = values.reshape(1, 1, height, width), 2 * radius + 1
-    window = {"kernel_shape": [side, side], "pads": [radius] * 4, "strides": [1, 1]}
-    low = -g.op("MaxPool", -batch, **window).reshape(height, width)
-    return low, g.op("MaxPool", batch, **window).reshape(height, width)
 
 
 def _reflected(g: Graph, values: Value, axis: int, offset: int) -> Value:
@@ -117,7 +109,7 @@ def _sharp(g: Graph, values: Value, on_slope: Value, min_height: Value) -> Value
     """Return the map with soft edges made sharp at the middle between both sides."""
     sharp = values
     for radius in RADII_PX:
-        low, high = _extremes(g, sharp, radius)
+        low, high = local_extremes(g, sharp, radius)
         nearer = g.where(high - sharp < sharp - low, high, low)
         changed = (high - low > min_height) & ~nearer.equals(sharp) & ~on_slope
         sharp = g.where(changed, nearer, sharp)
@@ -140,7 +132,7 @@ def build_repair() -> onnx.ModelProto:
     disparity = g.input("disparity", np.float32, ["height", "width"])
     span = disparity.max() - disparity.min()
     min_height = span * MIN_EDGE_HEIGHT
-    low, high = _extremes(g, disparity, SOFT_RADIUS_PX)
+    low, high = local_extremes(g, disparity, SOFT_RADIUS_PX)
     on_slope, step = _on_slope(g, disparity), high - low
     is_edge = (step > min_height) & ~on_slope
     nearer = g.minimum(high - disparity, disparity - low)
@@ -150,7 +142,7 @@ def build_repair() -> onnx.ModelProto:
 
     def repaired() -> Value:
         values = _sharp(g, disparity, on_slope, min_height)
-        near = _extremes(g, is_soft.astype(np.float32), SOFT_DILATION_PX)[1] > 0
+        near = local_extremes(g, is_soft.astype(np.float32), SOFT_DILATION_PX)[1] > 0
         places = g.op("NonZero", near.reshape(-1), dtype=np.int64).reshape(-1)
         colors = encode(image)
         for radius, sigma in MEDIAN_PASSES:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from bokehnet.onnx_file.builder import Graph, Value
+from bokehnet.onnx_file.pictures import local_extremes
 
 __all__ = ["geometric_error_map"]
 
@@ -19,10 +20,7 @@ _ROWS = 4
 def _boundaries(g: Graph, defocus: Value) -> Value:
     """Return the largest radius around each boundary pixel, 0 elsewhere, (H, W)."""
     height, width = defocus.size(0), defocus.size(1)
-    batch = defocus.reshape(1, 1, height, width)
-    window = {"kernel_shape": [3, 3], "pads": [1, 1, 1, 1]}
-    high = g.op("MaxPool", batch, **window).reshape(height, width)
-    low = -g.op("MaxPool", -batch, **window).reshape(height, width)
+    low, high = local_extremes(g, defocus, 1)
     shorter = g.minimum(height, width).astype(np.float32)
     threshold = g.maximum(shorter * _SPAN_PER_PIXEL, _MIN_SPAN_PX)
     radius = g.maximum(g.maximum(abs(low), abs(high)), 1)

@@ -1,10 +1,13 @@
-"""Resizing of pictures as ONNX operators, as in :mod:`bokehnet.arrays.pyramid`. All are (..., H, W)."""
+"""Resizing of pictures as ONNX operators, as in :mod:`bokehnet.arrays.pyramid`, and extremes of windows.
+
+All are (..., H, W).
+"""
 
 import numpy as np
 
 from bokehnet.onnx_file.builder import END, Graph, Value
 
-__all__ = ["double", "pad_to_multiple", "repeat", "shrink"]
+__all__ = ["double", "local_extremes", "pad_to_multiple", "repeat", "shrink"]
 
 
 def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge") -> Value:
@@ -35,6 +38,15 @@ def double(g: Graph, x: Value) -> Value:
     scales = g.constant([1, 1, 2, 2], np.float32)
     doubled = g.op("Resize", x.reshape(1, channels, height, width), g.none(), scales, mode="linear")
     return doubled.reshape(channels, height * 2, width * 2)
+
+
+def local_extremes(g: Graph, x: Value, radius: int) -> tuple[Value, Value]:
+    """Return the smallest and the largest value of the square window around each pixel, (H, W)."""
+    height, width = x.size(0), x.size(1)
+    batch, side = x.reshape(1, 1, height, width), 2 * radius + 1
+    window = {"kernel_shape": [side, side], "pads": [radius] * 4}
+    low = -g.op("MaxPool", -batch, **window).reshape(height, width)
+    return low, g.op("MaxPool", batch, **window).reshape(height, width)
 
 
 def repeat(g: Graph, x: Value) -> Value:

@@ -12,12 +12,6 @@ Rule: it is of use only if the pictures of repaired maps gain 0.3 dB at edges in
 maps lose at most 0.02 dB.
 """
 
-import argparse
-import copy
-import json
-import time
-from pathlib import Path
-
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -27,22 +21,20 @@ from benchmarks.experiments.networks.train_through_rays import (
     MAX_BLUR_PX,
     Batch,
     Phase,
+    TestView,
     View,
+    arguments_parser,
     busy_window,
-    samples_of,
-    train,
+    report_scores,
+    score,
+    train_seeds,
     training_views,
 )
-from benchmarks.figures import write_figures
 from bokehnet.classical.layered.layers import Layers, split_layers
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.io.files.atomic import write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.encoding import decode, encode
 from bokehnet.torch import layered
-from train.data.degradation import DEGRADED, degrade
-from train.scores.metrics import compare
 
 # Crops per step, pupil samples, learning rate, and fraction of the examples with the true map.
 _BATCH, _SAMPLES, _RATE, _TRUE_FRACTION = 4, 4, 5e-4, 0.5
@@ -169,43 +161,9 @@ def _corrected(network: LayerCorrector, stack: Layers) -> Layers:
     return Layers(colors=all_colors, defocus=stack.defocus, coverage=all_coverage)
 
 
-def score(folder: Path, count: int, networks: dict[str, LayerCorrector]) -> dict[str, dict[str, float]]:
-    """Return the edge PSNR of the package's rays in dB by method and kind of map."""
-    repair = DisparityRepair()
-    sums: dict[str, dict[str, list[float]]] = {}
-    for sample in tqdm(list(samples_of(folder))[:count], desc="scores"):
-        image, truth = sample.image.astype(np.float32), sample.bokeh[0].astype(np.float32)
-        blur, focus = sample.blur[0], sample.focus[0]
-        true = defocus_from_disparity(sample.disparity, blur, focus)
-        for kind in ("true", *DEGRADED):
-            wrong = sample.disparity if kind == "true" else degrade(sample.disparity, kind)
-            defocus = defocus_from_disparity(repair(image, wrong, "auto"), blur, focus)
-            stack = split_layers(image, defocus)
-            stacks = {"default": stack}
-            stacks |= {name: _corrected(network, stack) for name, network in networks.items()}
-            for name, layers in stacks.items():
-                bokeh = rays(image, defocus, layers=layers)
-                sums.setdefault(name, {}).setdefault(kind, []).append(
-                    compare(bokeh, truth, true)["edge_psnr"]
-                )
-    return {name: {kind: float(np.mean(x)) for kind, x in row.items()} for name, row in sums.items()}
-
-
 def main() -> None:
     """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("training", type=Path, help="shards of bokehnet synth for training")
-    parser.add_argument("test", type=Path, help="shards of another kind of scene")
-    parser.add_argument("--checkpoints", type=Path, required=True, help="folder of the checkpoints")
-    parser.add_argument("--scenes", type=int, default=100, help="training scenes")
-    parser.add_argument("--steps", type=int, default=1500)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
-    parser.add_argument("--test-scenes", type=int, default=16)
-    parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
-    parser.add_argument("--curves", type=Path, help="JSON file of the training curves")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    arguments.checkpoints.mkdir(parents=True, exist_ok=True)
+    arguments = arguments_parser(__doc__, scenes=100, test_scenes=16, steps=1500).parse_args()
     phase = Phase(
         name="layers",
         draw=_Crops(training_views(arguments.training, arguments.scenes, 0)),
@@ -214,29 +172,19 @@ def main() -> None:
         crops=_BATCH,
         steps=arguments.steps,
     )
-    networks: dict[str, LayerCorrector] = {}
-    curves: dict[str, list[float]] = {}
-    for seed in arguments.seeds:
-        torch.manual_seed(seed)
-        network, begun = LayerCorrector(), time.process_time()
-        name = f"layers, seed {seed}"
-        curves[name] = train(network, phase, seed, arguments.checkpoints / f"layers_{seed}.pt")
-        networks[name] = copy.deepcopy(network).eval()
-        minutes = (time.process_time() - begun) / 60
-        print(f"{name}: {minutes:.1f} processor minutes; error over the uncorrected layers', by tenths:")
-        print("  " + " ".join(f"{x:.3f}" for x in curves[name]), flush=True)
-    if arguments.curves:
-        write_text(arguments.curves, json.dumps(curves, indent=1) + "\n")
-    rows = score(arguments.test, arguments.test_scenes, networks)
-    for name, row in rows.items():
-        row["wrong"] = float(np.mean([row[kind] for kind in DEGRADED]))
-        print(f"{name:16s}" + "".join(f"{kind} {value:6.2f}  " for kind, value in row.items()), flush=True)
-    if arguments.figures:
-        columns = {kind: (kind, ".2f") for kind in ("true", *DEGRADED, "wrong")}
-        words = f"TRAINING TEST --scenes {arguments.scenes} --steps {arguments.steps}"
-        command = f"python -m benchmarks.experiments.networks.train_layers_through_rays {words}"
-        conditions = "edge PSNR in dB, scenes of another kind in the test"
-        write_figures(arguments.figures, command, conditions, columns, rows)
+    networks = train_seeds(arguments, LayerCorrector, [phase])
+
+    def render(view: TestView) -> dict[str, np.ndarray]:
+        defocus = defocus_from_disparity(view.repaired, view.blur, view.focus)
+        stack = split_layers(view.image, defocus)
+        stacks = {"default": stack}
+        stacks |= {name: _corrected(network, stack) for name, network in networks.items()}
+        return {name: rays(view.image, defocus, layers=layers) for name, layers in stacks.items()}
+
+    rows = score(arguments.test, arguments.test_scenes, render)
+    words = f"TRAINING TEST --scenes {arguments.scenes} --steps {arguments.steps}"
+    command = f"python -m benchmarks.experiments.networks.train_layers_through_rays {words}"
+    report_scores(arguments, rows, command, "edge PSNR in dB, scenes of another kind in the test")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import argparse
 import copy
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -249,43 +249,100 @@ def _corrected(network: Corrector, image: np.ndarray, disparity: np.ndarray) -> 
     return result
 
 
-def score(folder: Path, count: int, networks: dict[str, Corrector]) -> dict[str, dict[str, float]]:
-    """Return the edge PSNR of the package's rays in dB by method and kind of map."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TestView:
+    """Scene of the test with a repaired map, and its camera."""
+
+    image: np.ndarray
+    repaired: np.ndarray
+    blur: float
+    focus: float
+
+
+def score(
+    folder: Path, count: int, render: Callable[[TestView], dict[str, np.ndarray]]
+) -> dict[str, dict[str, float]]:
+    """Return the edge PSNR in dB by method and kind of map.
+
+    Args:
+        folder: Shards of scenes.
+        count: Number of scenes.
+        render: Function that returns the pictures of all methods.
+    """
     repair = DisparityRepair()
     sums: dict[str, dict[str, list[float]]] = {}
     for sample in tqdm(list(samples_of(folder))[:count], desc="scores"):
         image, truth = sample.image.astype(np.float32), sample.bokeh[0].astype(np.float32)
-        blur, focus = sample.blur[0], sample.focus[0]
+        blur, focus = float(sample.blur[0]), float(sample.focus[0])
         true = defocus_from_disparity(sample.disparity, blur, focus)
         for kind in ("true", *DEGRADED):
             wrong = sample.disparity if kind == "true" else degrade(sample.disparity, kind)
-            repaired = repair(image, wrong, "auto")
-            maps = {"default": repaired}
-            maps |= {name: _corrected(network, image, repaired) for name, network in networks.items()}
-            for name, disparity in maps.items():
-                bokeh = rays(image, defocus_from_disparity(disparity, blur, focus))
+            view = TestView(image=image, repaired=repair(image, wrong, "auto"), blur=blur, focus=focus)
+            for name, bokeh in render(view).items():
                 sums.setdefault(name, {}).setdefault(kind, []).append(
                     compare(bokeh, truth, true)["edge_psnr"]
                 )
     return {name: {kind: float(np.mean(x)) for kind, x in row.items()} for name, row in sums.items()}
 
 
-def main() -> None:
-    """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def arguments_parser(
+    description: str | None, scenes: int, test_scenes: int, steps: int
+) -> argparse.ArgumentParser:
+    """Return the options that all trainings through the rays have; the numbers are defaults."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("training", type=Path, help="shards of bokehnet synth for training")
     parser.add_argument("test", type=Path, help="shards of another kind of scene")
     parser.add_argument("--checkpoints", type=Path, required=True, help="folder of the checkpoints")
-    parser.add_argument("--scenes", type=int, default=60, help="training scenes")
-    parser.add_argument("--depth-steps", type=int, default=2000, help="steps by the error of the depth")
-    parser.add_argument("--steps", type=int, default=1200, help="steps through the rays")
+    parser.add_argument("--scenes", type=int, default=scenes, help="training scenes")
+    parser.add_argument("--steps", type=int, default=steps, help="steps through the rays")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
-    parser.add_argument("--test-scenes", type=int, default=12)
+    parser.add_argument("--test-scenes", type=int, default=test_scenes)
     parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
     parser.add_argument("--curves", type=Path, help="JSON file of the training curves")
-    arguments = parser.parse_args()
+    return parser
+
+
+def train_seeds(
+    arguments: argparse.Namespace, make_network: Callable[[], nn.Module], phases: Sequence[Phase]
+) -> dict[str, Any]:
+    """Train all phases with each seed, print and write the curves; return the networks by phase and seed."""
     torch.set_num_threads(1)
     arguments.checkpoints.mkdir(parents=True, exist_ok=True)
+    networks: dict[str, Any] = {}
+    curves: dict[str, list[float]] = {}
+    for seed in arguments.seeds:
+        torch.manual_seed(seed)
+        network = make_network()
+        for phase in phases:
+            name, begun = f"{phase.name}, seed {seed}", time.process_time()
+            path = arguments.checkpoints / f"{phase.name}_{seed}.pt"
+            curves[name] = train(network, phase, seed, path)
+            networks[name] = copy.deepcopy(network).eval()
+            minutes = (time.process_time() - begun) / 60
+            print(f"{name}: {minutes:.1f} processor minutes; error over that before correction, by tenths:")
+            print("  " + " ".join(f"{x:.3f}" for x in curves[name]), flush=True)
+    if arguments.curves:
+        write_text(arguments.curves, json.dumps(curves, indent=1) + "\n")
+    return networks
+
+
+def report_scores(
+    arguments: argparse.Namespace, rows: dict[str, dict[str, float]], command: str, conditions: str
+) -> None:
+    """Add the mean of wrong maps to the scores, print them, and write them as figures if asked for."""
+    for name, row in rows.items():
+        row["wrong"] = float(np.mean([row[kind] for kind in DEGRADED]))
+        print(f"{name:16s}" + "".join(f"{kind} {value:6.2f}  " for kind, value in row.items()), flush=True)
+    if arguments.figures:
+        columns = {kind: (kind, ".2f") for kind in ("true", *DEGRADED, "wrong")}
+        write_figures(arguments.figures, command, conditions, columns, rows)
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = arguments_parser(__doc__, scenes=60, test_scenes=12, steps=1200)
+    parser.add_argument("--depth-steps", type=int, default=2000, help="steps by the error of the depth")
+    arguments = parser.parse_args()
     views = training_views(arguments.training, arguments.scenes, 0)
 
     def draw(rng: np.random.Generator, count: int) -> Batch:
@@ -309,31 +366,21 @@ def main() -> None:
             steps=arguments.steps,
         ),
     )
-    networks: dict[str, Corrector] = {}
-    curves: dict[str, list[float]] = {}
-    for seed in arguments.seeds:
-        torch.manual_seed(seed)
-        network = Corrector()
-        for phase in phases:
-            name, begun = f"{phase.name}, seed {seed}", time.process_time()
-            path = arguments.checkpoints / f"{phase.name}_{seed}.pt"
-            curves[name] = train(network, phase, seed, path)
-            networks[name] = copy.deepcopy(network).eval()
-            minutes = (time.process_time() - begun) / 60
-            print(f"{name}: {minutes:.1f} processor minutes; error over the uncorrected map's, by tenths:")
-            print("  " + " ".join(f"{x:.3f}" for x in curves[name]), flush=True)
-    if arguments.curves:
-        write_text(arguments.curves, json.dumps(curves, indent=1) + "\n")
-    rows = score(arguments.test, arguments.test_scenes, networks)
-    for name, row in rows.items():
-        row["wrong"] = float(np.mean([row[kind] for kind in DEGRADED]))
-        print(f"{name:10s}" + "".join(f"{kind} {value:6.2f}  " for kind, value in row.items()), flush=True)
-    if arguments.figures:
-        columns = {kind: (kind, ".2f") for kind in ("true", *DEGRADED, "wrong")}
-        steps = f"--depth-steps {arguments.depth_steps} --steps {arguments.steps}"
-        command = f"python -m benchmarks.experiments.networks.train_through_rays TRAINING TEST {steps}"
-        conditions = f"edge PSNR in dB, {len(views)} views in training, scenes of another kind in the test"
-        write_figures(arguments.figures, command, conditions, columns, rows)
+    networks = train_seeds(arguments, Corrector, phases)
+
+    def render(view: TestView) -> dict[str, np.ndarray]:
+        maps = {"default": view.repaired}
+        maps |= {name: _corrected(network, view.image, view.repaired) for name, network in networks.items()}
+        return {
+            name: rays(view.image, defocus_from_disparity(disparity, view.blur, view.focus))
+            for name, disparity in maps.items()
+        }
+
+    rows = score(arguments.test, arguments.test_scenes, render)
+    steps = f"--depth-steps {arguments.depth_steps} --steps {arguments.steps}"
+    command = f"python -m benchmarks.experiments.networks.train_through_rays TRAINING TEST {steps}"
+    conditions = f"edge PSNR in dB, {len(views)} views in training, scenes of another kind in the test"
+    report_scores(arguments, rows, command, conditions)
 
 
 if __name__ == "__main__":
