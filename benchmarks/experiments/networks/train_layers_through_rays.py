@@ -1,14 +1,15 @@
 """Corrector of layers that is trained through the rays.
 
-``python -m benchmarks.experiments.networks.train_layers_through_rays TRAINING TEST --checkpoints FOLDER``
+``python -m benchmarks.experiments.networks.train_layers_through_rays CACHE --checkpoints FOLDER``
 
 The renderer estimates what a picture does not show: the colours behind a foreground, and colour and coverage
 of pixels at its edge. A small network corrects these estimates. It is trained by the error of the picture
-that :func:`bokehnet.torch.layered` renders with the corrected layers, against the traced picture, with true
-maps and with repaired ones. It is scored by the rays of the package on scenes of another kind.
+that :func:`bokehnet.torch.layered` renders with the corrected layers, against the traced picture, with exact
+maps and with repaired ones. It is scored by the rays of the package on scenes of another kind. Scenes and
+maps: :mod:`benchmarks.experiments.networks.views`; ``CACHE`` keeps the scenes.
 Checkpoints in ``--checkpoints`` are used again.
 
-Rule: it is of use only if the pictures of repaired maps gain 0.3 dB at edges in the mean and those of true
+Rule: it is of use only if the pictures of repaired maps gain 0.3 dB at edges in the mean and those of exact
 maps lose at most 0.02 dB.
 """
 
@@ -17,27 +18,22 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from benchmarks.experiments.networks.train_through_rays import (
-    MAX_BLUR_PX,
+from benchmarks.experiments.networks.training import (
+    INSIDE,
     Batch,
     Phase,
-    TestView,
-    View,
-    arguments_parser,
-    busy_window,
+    parse_arguments,
     report_scores,
-    score,
     train_seeds,
-    training_views,
 )
+from benchmarks.experiments.networks.views import TrainingView, busy_window, training_views
 from bokehnet.classical.layered.layers import Layers, split_layers
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.encoding import decode, encode
 from bokehnet.torch import layered
 
-# Crops per step, pupil samples, learning rate, and fraction of the examples with the true map.
-_BATCH, _SAMPLES, _RATE, _TRUE_FRACTION = 4, 4, 5e-4, 0.5
+# Crops per step, pupil samples, learning rate, and fraction of the examples with the exact map.
+_BATCH, _SAMPLES, _RATE, _EXACT_FRACTION = 4, 4, 5e-4, 0.5
 
 # Unit of the defocus in the input of the network, pixels.
 _DEFOCUS_UNIT_PX = 10.0
@@ -89,9 +85,9 @@ class LayerCorrector(nn.Module):
         return torch.stack(new_colors, 1), new_coverage
 
 
-def _layers(image: np.ndarray, disparity: np.ndarray, view: View) -> dict[str, np.ndarray]:
+def _layers(image: np.ndarray, disparity: np.ndarray, view: TrainingView) -> dict[str, np.ndarray]:
     """Return the first two estimated layers, (2, 3, H, W), (2, H, W), (1, H, W)."""
-    stack = split_layers(image, defocus_from_disparity(disparity, view.blur, view.focus))
+    stack = split_layers(image, view.defocus(disparity))
     number = min(1, stack.defocus.shape[2] - 1)
     return {
         "colors": stack.colors[:, :, [0, number]].transpose(2, 3, 0, 1),
@@ -103,7 +99,7 @@ def _layers(image: np.ndarray, disparity: np.ndarray, view: View) -> dict[str, n
 class _Crops:
     """Random crops of views with the layers of their true and of their repaired map."""
 
-    def __init__(self, views: list[View]) -> None:
+    def __init__(self, views: list[TrainingView]) -> None:
         self._views = views
         self._layers = [
             [_layers(view.image, disparity, view) for disparity in (view.true, view.repaired)]
@@ -115,7 +111,7 @@ class _Crops:
         for _ in range(count):
             number = int(rng.integers(len(self._views)))
             view = self._views[number]
-            layers = self._layers[number][int(rng.random() > _TRUE_FRACTION)]
+            layers = self._layers[number][int(rng.random() > _EXACT_FRACTION)]
             window = busy_window(view.true, rng)
             for name in _LAYERS:
                 rows[name].append(layers[name][..., *window])
@@ -134,12 +130,11 @@ def _picture_error(network: LayerCorrector, batch: Batch) -> tuple[Tensor, Tenso
 
     It is the product of the errors of two renders with independent samples, so that noise adds nothing.
     """
-    inside = (..., slice(MAX_BLUR_PX, -MAX_BLUR_PX), slice(MAX_BLUR_PX, -MAX_BLUR_PX))
     truth, defocus, seeds = encode(batch["truth"]), batch["defocus"], batch["seeds"].tolist()
 
     def error(colors: Tensor, coverage: Tensor) -> Tensor:
         first, second = (encode(_render(colors, defocus, coverage, seed)) - truth for seed in seeds)
-        return (first * second)[inside].mean()
+        return (first * second)[INSIDE].mean()
 
     with torch.no_grad():
         before = error(batch["colors"], batch["coverage"])
@@ -163,10 +158,10 @@ def _corrected(network: LayerCorrector, stack: Layers) -> Layers:
 
 def main() -> None:
     """Entry of the command line."""
-    arguments = arguments_parser(__doc__, scenes=100, test_scenes=16, steps=1500).parse_args()
+    arguments = parse_arguments(__doc__, scenes=60, steps=800)
     phase = Phase(
         name="layers",
-        draw=_Crops(training_views(arguments.training, arguments.scenes, 0)),
+        draw=_Crops(training_views(arguments.cache, arguments.scenes, 0)),
         error=_picture_error,
         rate=_RATE,
         crops=_BATCH,
@@ -174,17 +169,14 @@ def main() -> None:
     )
     networks = train_seeds(arguments, LayerCorrector, [phase])
 
-    def render(view: TestView) -> dict[str, np.ndarray]:
-        defocus = defocus_from_disparity(view.repaired, view.blur, view.focus)
+    def render(view: TrainingView) -> dict[str, np.ndarray]:
+        defocus = view.defocus(view.repaired)
         stack = split_layers(view.image, defocus)
         stacks = {"default": stack}
         stacks |= {name: _corrected(network, stack) for name, network in networks.items()}
         return {name: rays(view.image, defocus, layers=layers) for name, layers in stacks.items()}
 
-    rows = score(arguments.test, arguments.test_scenes, render)
-    words = f"TRAINING TEST --scenes {arguments.scenes} --steps {arguments.steps}"
-    command = f"python -m benchmarks.experiments.networks.train_layers_through_rays {words}"
-    report_scores(arguments, rows, command, "edge PSNR in dB, scenes of another kind in the test")
+    report_scores(arguments, render)
 
 
 if __name__ == "__main__":

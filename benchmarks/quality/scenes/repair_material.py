@@ -1,7 +1,7 @@
 """Material of the repair benchmark: small path-traced scenes, and the maps of depth estimators.
 
-Scenes come from :mod:`bokehnet.synth.clutter` with photographs that no training scene shows; views from
-displaced pupils give light fields and stereo pairs. All functions are seeded.
+Views from displaced pupils give light fields and stereo pairs. The scenes of the benchmark show photographs
+that no training scene shows. All functions are seeded.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,15 +19,19 @@ from scipy.ndimage import (
     zoom,
 )
 
-from bokehnet.lenses import Rays
+from bokehnet.lenses import LensModel, Rays
+from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
+from bokehnet.raytrace.scene import Scene as Planes
 from bokehnet.synth import SceneConfig, SynthConfig
 from bokehnet.synth.clutter.baked_scene import BakedScene, View
 from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
+from bokehnet.synth.scenes import random_scene
 
-__all__ = ["ESTIMATORS", "Scene", "layered_scene", "read_scenes"]
+__all__ = ["CONFIG", "ESTIMATORS", "Scene", "layered_scene", "read_scene", "read_scenes"]
 
+# The scenes of the benchmark.
 CONFIG = SynthConfig(
     seed=3000017,
     kind="clutter",
@@ -98,94 +102,126 @@ class _DisplacedPinhole:
     distance: float
     displacement: tuple[float, float]
 
+    def coc_radius(self, disparity: float) -> float:
+        """Return the parallax on the sensor, mm: how far a surface lies from its undisplaced place."""
+        return float(np.hypot(*self.displacement)) * self.distance * disparity
+
     def sample_rays(self, sensor: np.ndarray, disc: np.ndarray) -> Rays:
-        """Return the rays from the pinhole; ``disc`` is unused."""
-        slope = (-sensor / np.float32(self.distance)).astype(np.float32)
-        return Rays(origin=np.broadcast_to(np.float32(self.displacement), slope.shape), slope=slope)
+        """Return the rays from the pinhole, arrays or tensors as ``sensor``; ``disc`` is unused."""
+        slope = -sensor / self.distance
+        origin = 0 * slope
+        origin[..., 0] += self.displacement[0]
+        origin[..., 1] += self.displacement[1]
+        return Rays(origin=origin, slope=slope)
 
 
-def _view(factor: float, samples: int, seed: int) -> View:
+@dataclass(frozen=True, slots=True)
+class _PlaneScene:
+    """Scene of planes with the methods of a baked scene."""
+
+    planes: Planes
+
+    def render(self, lens: LensModel, view: View, pupil: bool = True) -> np.ndarray:
+        """Return the picture, (H, W, 3); see :meth:`BakedScene.render`."""
+        integrate = render_bokeh if pupil else render_all_in_focus
+        return np.asarray(integrate(self.planes, _camera(lens, view), view.samples, view.seed))
+
+    def disparity(self, lens: LensModel, view: View) -> np.ndarray:
+        """Return inverse depth, 1/mm, (H, W); see :meth:`BakedScene.disparity`."""
+        return np.asarray(render_disparity(self.planes, _camera(lens, view)))
+
+
+def _camera(lens: LensModel, view: View) -> Camera:
+    return Camera(lens=lens, width=view.width, height=view.height, pixel_pitch=view.pixel_pitch)
+
+
+def _random_scene(rng: np.random.Generator, config: SynthConfig) -> BakedScene | _PlaneScene:
+    if config.kind == "planes":
+        return _PlaneScene(random_scene(rng, config))
+    return random_clutter(rng, config).scene
+
+
+def _view(config: SynthConfig, factor: float, samples: int, seed: int) -> View:
     return View(
-        width=round(factor * CONFIG.width),
-        height=round(factor * CONFIG.height),
-        pixel_pitch=CONFIG.pixel_pitch / factor,
+        width=round(factor * config.width),
+        height=round(factor * config.height),
+        pixel_pitch=config.pixel_pitch / factor,
         samples=samples,
         seed=seed,
     )
 
 
-def _trace(index: int, large: bool) -> dict[str, np.ndarray]:
+def _trace(config: SynthConfig, index: int, large: bool) -> dict[str, np.ndarray]:
     """Trace one scene at its small size, or its picture and its map at 2560 pixels."""
-    rng = np.random.default_rng(np.random.SeedSequence([CONFIG.seed, index]))
-    scene = random_clutter(rng, CONFIG).scene
-    pinhole = _DisplacedPinhole(CONFIG.sensor_distance, (0.0, 0.0))
-    small = scene.render(pinhole, _view(1, CONFIG.image_samples, 0), False)
+    rng = np.random.default_rng(np.random.SeedSequence([config.seed, index]))
+    scene = _random_scene(rng, config)
+    pinhole = _DisplacedPinhole(config.sensor_distance, (0.0, 0.0))
+    small = scene.render(pinhole, _view(config, 1, config.image_samples, 0), False)
     gain = np.float32(_MIDDLE_GREY / max(float(small.mean()), 1e-6))
-    inverse_depth = scene.disparity(pinhole, _view(1, 1, 0))
+    inverse_depth = scene.disparity(pinhole, _view(config, 1, 1, 0))
     low, high = float(inverse_depth.min()), float(inverse_depth.max())
     if large:
-        size = _view(LARGE_FACTOR, _LARGE_SAMPLES, 0)
+        size = _view(config, LARGE_FACTOR, _LARGE_SAMPLES, 0)
         values = (scene.disparity(pinhole, size) - low) / (high - low)
         return {"image": gain * scene.render(pinhole, size, False), "disparity": values.astype(np.float32)}
     disparity = ((inverse_depth - low) / (high - low)).astype(np.float32)
     focus = float(np.quantile(disparity, rng.choice([0.1, 0.5, 0.95])))
     blur = _MAX_RADIUS_PX / float(np.abs(disparity - focus).max())
     absolute_blur, scaled = blur / (high - low), low + focus * (high - low)
-    lens = lens_for_view(absolute_blur, scaled, replace(CONFIG, nearest_distance=1.0))
-    parallax = CONFIG.pixel_pitch / CONFIG.sensor_distance / high
+    lens = lens_for_view(absolute_blur, scaled, replace(config, nearest_distance=1.0))
+    parallax = config.pixel_pitch / config.sensor_distance / high
     steps = np.linspace(-1, 1, _VIEWS) * _MAX_PARALLAX_PX * parallax
-    views = [
-        [_displaced(scene, (float(x), float(y)), CONFIG.image_samples // 3) for x in steps] for y in steps
-    ]
+
+    def displaced(right: float, down: float, samples: int) -> np.ndarray:
+        displaced_pinhole = _DisplacedPinhole(config.sensor_distance, (right, down))
+        return scene.render(displaced_pinhole, _view(config, 1, samples, 2), False)
+
+    views = [[displaced(float(x), float(y), config.image_samples // 3) for x in steps] for y in steps]
     return {
         "image": gain * small,
         "disparity": disparity,
-        "truth": gain * scene.render(lens, _view(1, CONFIG.bokeh_samples, 1)),
+        "truth": gain * scene.render(lens, _view(config, 1, config.bokeh_samples, 1)),
         "blur": np.float64(blur),
         "focus": np.float64(focus),
         "parallax": np.array([low / high, 1.0]),
         "views": (gain * np.array(views)).astype(np.float16),
-        "stereo": gain * _displaced(scene, (_STEREO_PARALLAX_PX * parallax, 0.0), CONFIG.image_samples),
+        "stereo": gain * displaced(_STEREO_PARALLAX_PX * parallax, 0.0, config.image_samples),
     }
 
 
-def _displaced(scene: BakedScene, displacement: tuple[float, float], samples: int) -> np.ndarray:
-    """Return the picture (H, W, 3) of a pinhole displaced to the right and down, mm."""
-    lens = _DisplacedPinhole(CONFIG.sensor_distance, displacement)
-    return scene.render(lens, _view(1, samples, 2), False)
-
-
-def read_scenes(folder: Path, count: int = CONFIG.scenes, *, large: bool = False) -> list[Scene]:
-    """Return the traced scenes; trace those that are missing in ``folder``.
+def read_scene(folder: Path, index: int, config: SynthConfig = CONFIG, *, large: bool = False) -> Scene:
+    """Return a traced scene; trace it if it is missing in ``folder``.
 
     Args:
         folder: Cache; delete it after changes of the code that draws scenes.
-        count: Number of scenes.
-        large: True for pictures and maps at 2560 pixels, without views and pictures with bokeh.
+        index: Number of the scene.
+        config: Distribution of the scenes; the scene depends only on it and on ``index``.
+        large: True for picture and map at 2560 pixels, without views and picture with bokeh.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    scenes, empty = [], np.zeros(0, np.float32)
-    for index in range(count):
-        path = folder / f"{CONFIG.seed}-{index}{'-large' if large else ''}.npz"
-        if not path.exists():
-            np.savez(path.with_suffix(".partial.npz"), **_trace(index, large))
-            path.with_suffix(".partial.npz").replace(path)
-        with np.load(path) as stored:
-            arrays = {key: stored[key] for key in stored.files}
-        scenes.append(
-            Scene(
-                name=f"scene {index}",
-                image=arrays["image"],
-                disparity=arrays["disparity"],
-                truth=arrays.get("truth", empty),
-                blur=float(arrays.get("blur", 0.0)),
-                focus=float(arrays.get("focus", 0.0)),
-                views=arrays.get("views", empty),
-                stereo=arrays.get("stereo", empty),
-                parallax=tuple(arrays.get("parallax", (0.0, 1.0))),
-            )
-        )
-    return scenes
+    path = folder / f"{config.seed}-{index}{'-large' if large else ''}.npz"
+    if not path.exists():
+        np.savez(path.with_suffix(".partial.npz"), **_trace(config, index, large))
+        path.with_suffix(".partial.npz").replace(path)
+    with np.load(path) as stored:
+        arrays = {key: stored[key] for key in stored.files}
+    empty = np.zeros(0, np.float32)
+    return Scene(
+        name=f"scene {index}",
+        image=arrays["image"],
+        disparity=arrays["disparity"],
+        truth=arrays.get("truth", empty),
+        blur=float(arrays.get("blur", 0.0)),
+        focus=float(arrays.get("focus", 0.0)),
+        views=arrays.get("views", empty),
+        stereo=arrays.get("stereo", empty),
+        parallax=tuple(arrays.get("parallax", (0.0, 1.0))),
+    )
+
+
+def read_scenes(folder: Path, count: int = CONFIG.scenes, *, large: bool = False) -> list[Scene]:
+    """Return the first scenes of the benchmark; see :func:`read_scene`."""
+    return [read_scene(folder, index, large=large) for index in range(count)]
 
 
 def layered_scene(kind: str = "discs") -> Scene:
