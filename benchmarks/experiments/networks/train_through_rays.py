@@ -36,8 +36,8 @@ _REACH_PX = 3
 # Crops per step and pupil samples.
 _BATCH, _SAMPLES = 2, 4
 
-# Steps and crops per step of the training by depth, and the disparity step of half weight, as a fraction of the
-# range.
+# Steps and crops per step of the training by depth, and the disparity step of half weight, as a fraction of
+# the range.
 _DEPTH_STEPS, _DEPTH_BATCH, _HALF_WEIGHT_STEP = 1500, 8, 0.05
 
 # Fraction of the examples with the exact map.

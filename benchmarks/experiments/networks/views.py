@@ -1,8 +1,8 @@
-"""Scenes of the trainings through the rays, with the maps of depth estimators as the default repair leaves them.
+"""Scenes of the trainings through the rays, with maps of depth estimators as the default repair leaves them.
 
-Training: planes with photographs of the training, and stereo, plane-sweep, time-of-flight and lidar maps or an
-augmented true map. Test: cluttered scenes with photographs that the training does not show, and all maps of
-the repair benchmark.
+Training: planes with photographs of the training, and stereo, plane-sweep, time-of-flight and lidar maps or
+an augmented true map. Test: cluttered scenes with photographs that the training does not show, and all maps
+of the repair benchmark.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +25,8 @@ __all__ = ["KINDS", "MAX_BLUR_PX", "TrainingView", "busy_window", "mean_scores",
 # Blur radius of the scenes in pixels, at most, which is the margin of a crop without loss.
 MAX_BLUR_PX = 10
 
-# Side of a crop in pixels, candidates of a crop, and the minimum difference of neighbours at a depth edge, as a
-# fraction of the range; a crop without a depth edge teaches nothing.
+# Side of a crop in pixels, candidates of a crop, and the minimum difference of neighbours at a depth edge, as
+# a fraction of the range; a crop without a depth edge teaches nothing.
 _CROP_PX, _CANDIDATE_CROPS, _MIN_STEP = 64, 3, 0.03
 
 _TRAINING = replace(
@@ -145,8 +145,6 @@ def mean_scores(
                 psnr = compare(bokeh, scene.truth, view.defocus(scene.disparity))["edge_psnr"]
                 scores.setdefault(name, {}).setdefault(kind, []).append(psnr)
     return {
-        name: {
-            title: float(np.mean([row[kind] for kind in kinds])) for title, kinds in _COLUMNS.items()
-        }
+        name: {title: float(np.mean([row[kind] for kind in kinds])) for title, kinds in _COLUMNS.items()}
         for name, row in scores.items()
     }
