@@ -16,17 +16,17 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from benchmarks.experiments.networks.training import (
     INSIDE,
     Batch,
+    Crops,
     Phase,
     parse_arguments,
     report_scores,
     train_seeds,
 )
-from benchmarks.experiments.networks.views import TrainingView, busy_window, training_views
+from benchmarks.experiments.networks.views import TrainingView, training_views
 from bokehnet import BokehRenderer
 from bokehnet.engines.options import RenderOptions
 from bokehnet.optics.encoding import decode, encode
@@ -96,29 +96,6 @@ def _planes(view: TrainingView, disparity: np.ndarray, renderer: BokehRenderer) 
     }
 
 
-class _Crops:
-    """Random crops of views, rendered with their exact and with their repaired map."""
-
-    def __init__(self, views: list[TrainingView], renderer: BokehRenderer) -> None:
-        self._views = views
-        self._planes = [
-            [_planes(view, disparity, renderer) for disparity in (view.true, view.repaired)]
-            for view in tqdm(views, desc="renders", mininterval=10)
-        ]
-
-    def __call__(self, rng: np.random.Generator, count: int) -> Batch:
-        rows: dict[str, list[np.ndarray]] = {name: [] for name in (*_PLANES, "truth")}
-        for _ in range(count):
-            number = int(rng.integers(len(self._views)))
-            view = self._views[number]
-            planes = self._planes[number][int(rng.random() > _EXACT_FRACTION)]
-            window, turn, order = busy_window(view.true, rng), int(rng.integers(4)), rng.permutation(3)
-            for name, plane in (planes | {"truth": view.truth.transpose(2, 0, 1)}).items():
-                turned = np.rot90(plane[..., *window], turn, axes=(1, 2))
-                rows[name].append(turned[order] if len(turned) == 3 else turned)
-        return {name: torch.from_numpy(np.stack(arrays)) for name, arrays in rows.items()}
-
-
 def _picture_error(network: GatedCorrector, batch: Batch) -> tuple[Tensor, Tensor]:
     """Return the squared error of the picture after and before correction."""
     truth = encode(batch["truth"])
@@ -140,9 +117,13 @@ def main() -> None:
     """Entry of the command line."""
     arguments = parse_arguments(__doc__, scenes=60, steps=3000)
     renderer = BokehRenderer("rays")
+
+    def see(view: TrainingView, disparity: np.ndarray) -> dict[str, np.ndarray]:
+        return _planes(view, disparity, renderer)
+
     phase = Phase(
         name="behind rays",
-        draw=_Crops(training_views(arguments.cache, arguments.scenes, 0), renderer),
+        draw=Crops(training_views(arguments.cache, arguments.scenes, 0), see, _EXACT_FRACTION),
         error=_picture_error,
         rate=_RATE,
         crops=_BATCH,
@@ -151,7 +132,7 @@ def main() -> None:
     networks = train_seeds(arguments, GatedCorrector, [phase])
 
     def render(view: TrainingView) -> dict[str, np.ndarray]:
-        planes = _planes(view, view.repaired, renderer)
+        planes = see(view, view.repaired)
         pictures = {name: _corrected(network, planes) for name, network in networks.items()}
         return {"default": planes["rays"].transpose(1, 2, 0)} | pictures
 

@@ -16,17 +16,17 @@ maps lose at most 0.02 dB.
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from benchmarks.experiments.networks.training import (
     INSIDE,
     Batch,
+    Crops,
     Phase,
     parse_arguments,
     report_scores,
     train_seeds,
 )
-from benchmarks.experiments.networks.views import TrainingView, busy_window, training_views
+from benchmarks.experiments.networks.views import TrainingView, training_views
 from bokehnet.classical.layered.layers import Layers, split_layers
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.optics.encoding import decode, encode
@@ -43,8 +43,6 @@ _MAX_COLOR, _MAX_LOGIT = 0.5, 4.0
 
 # Coverage of mixed pixels lies between this and 1 minus this.
 _LEAST_COVERAGE = 1e-3
-
-_LAYERS = ("colors", "defocus", "coverage")
 
 
 class LayerCorrector(nn.Module):
@@ -85,39 +83,15 @@ class LayerCorrector(nn.Module):
         return torch.stack(new_colors, 1), new_coverage
 
 
-def _layers(image: np.ndarray, disparity: np.ndarray, view: TrainingView) -> dict[str, np.ndarray]:
+def _layers(view: TrainingView, disparity: np.ndarray) -> dict[str, np.ndarray]:
     """Return the first two estimated layers, (2, 3, H, W), (2, H, W), (1, H, W)."""
-    stack = split_layers(image, view.defocus(disparity))
+    stack = split_layers(view.image, view.defocus(disparity))
     number = min(1, stack.defocus.shape[2] - 1)
     return {
         "colors": stack.colors[:, :, [0, number]].transpose(2, 3, 0, 1),
         "defocus": stack.defocus[:, :, [0, number]].transpose(2, 0, 1),
         "coverage": stack.coverage[:, :, :1].transpose(2, 0, 1),
     }
-
-
-class _Crops:
-    """Random crops of views with the layers of their true and of their repaired map."""
-
-    def __init__(self, views: list[TrainingView]) -> None:
-        self._views = views
-        self._layers = [
-            [_layers(view.image, disparity, view) for disparity in (view.true, view.repaired)]
-            for view in tqdm(views, desc="layers")
-        ]
-
-    def __call__(self, rng: np.random.Generator, count: int) -> Batch:
-        rows: dict[str, list[np.ndarray]] = {name: [] for name in (*_LAYERS, "truth")}
-        for _ in range(count):
-            number = int(rng.integers(len(self._views)))
-            view = self._views[number]
-            layers = self._layers[number][int(rng.random() > _EXACT_FRACTION)]
-            window = busy_window(view.true, rng)
-            for name in _LAYERS:
-                rows[name].append(layers[name][..., *window])
-            rows["truth"].append(view.truth[window].transpose(2, 0, 1))
-        batch = {name: torch.from_numpy(np.stack(arrays)) for name, arrays in rows.items()}
-        return batch | {"seeds": torch.from_numpy(rng.choice(1 << 16, 2, replace=False))}
 
 
 def _render(colors: Tensor, defocus: Tensor, coverage: Tensor, seed: int) -> Tensor:
@@ -159,9 +133,14 @@ def _corrected(network: LayerCorrector, stack: Layers) -> Layers:
 def main() -> None:
     """Entry of the command line."""
     arguments = parse_arguments(__doc__, scenes=60, steps=800)
+    crops = Crops(training_views(arguments.cache, arguments.scenes, 0), _layers, _EXACT_FRACTION)
+
+    def draw(rng: np.random.Generator, count: int) -> Batch:
+        return crops(rng, count) | {"seeds": torch.from_numpy(rng.choice(1 << 16, 2, replace=False))}
+
     phase = Phase(
         name="layers",
-        draw=_Crops(training_views(arguments.cache, arguments.scenes, 0)),
+        draw=draw,
         error=_picture_error,
         rate=_RATE,
         crops=_BATCH,

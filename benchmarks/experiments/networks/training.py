@@ -15,11 +15,17 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from benchmarks.experiments.networks.views import KINDS, MAX_BLUR_PX, TrainingView, mean_scores
+from benchmarks.experiments.networks.views import (
+    KINDS,
+    MAX_BLUR_PX,
+    TrainingView,
+    busy_window,
+    mean_scores,
+)
 from benchmarks.figures import write_figures
 from bokehnet.io.files.atomic import write_text
 
-__all__ = ["INSIDE", "Batch", "Phase", "parse_arguments", "report_scores", "train_seeds"]
+__all__ = ["INSIDE", "Batch", "Crops", "Phase", "parse_arguments", "report_scores", "train_seeds"]
 
 # Steps between checkpoints.
 _SAVE_EVERY = 100
@@ -28,6 +34,42 @@ Batch = dict[str, Tensor]
 
 # Part of a crop whose light comes from the crop alone.
 INSIDE = (..., slice(MAX_BLUR_PX, -MAX_BLUR_PX), slice(MAX_BLUR_PX, -MAX_BLUR_PX))
+
+
+class Crops:
+    """Random crops of what a network sees of views, turned, with exchanged colours; and of their truth.
+
+    Args:
+        views: Scenes.
+        see: Function of a view and one of its maps that returns arrays (..., H, W) by name.
+        exact_fraction: Fraction of the crops with the exact map; the others have the repaired one.
+    """
+
+    def __init__(
+        self,
+        views: list[TrainingView],
+        see: Callable[[TrainingView, np.ndarray], dict[str, np.ndarray]],
+        exact_fraction: float,
+    ) -> None:
+        self._views, self._exact_fraction = views, exact_fraction
+        self._seen = [
+            [see(view, disparity) for disparity in (view.true, view.repaired)]
+            for view in tqdm(views, desc="inputs", mininterval=10)
+        ]
+
+    def __call__(self, rng: np.random.Generator, count: int) -> Batch:
+        """Return ``count`` crops; arrays with three colours have them as the third axis from the end."""
+        rows: dict[str, list[np.ndarray]] = {}
+        for _ in range(count):
+            number = int(rng.integers(len(self._views)))
+            view = self._views[number]
+            seen = self._seen[number][int(rng.random() > self._exact_fraction)]
+            window, turn, order = busy_window(view.true, rng), int(rng.integers(4)), rng.permutation(3)
+            for name, values in (seen | {"truth": view.truth.transpose(2, 0, 1)}).items():
+                turned = np.rot90(values[..., *window], turn, axes=(-2, -1))
+                colors = turned[..., order, :, :] if turned.shape[-3] == 3 else turned
+                rows.setdefault(name, []).append(colors)
+        return {name: torch.from_numpy(np.stack(arrays)) for name, arrays in rows.items()}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
