@@ -37,6 +37,7 @@ from bokehnet.cli.streams import (
 )
 from bokehnet.cli.trace.command import trace
 from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.settings.settings_file import similar_name
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
@@ -44,6 +45,21 @@ __all__ = ["app", "main", "run"]
 # Commands that run until they are stopped: the lines of libraries are their log.
 _SERVICES = (["serve"], ["studio"])
 _QUIET, _HELP = {"-q", "--quiet"}, {"-h", "--help", "--version"}
+
+# Names of other programs for options of ours.
+_OTHER_NAMES = {
+    "--amount": "--strength",
+    "--aperture": "--f-number",
+    "--depth-map": "--disparity",
+    "--f-stop": "--f-number",
+    "--fstop": "--f-number",
+    "--gpu": "--device",
+    "--intensity": "--strength",
+    "--iris": "--blades",
+    "--model": "--depth-model",
+    "--radius": "--blur",
+    "--size": "--blur",
+}
 
 _INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
@@ -114,6 +130,8 @@ def run(arguments: Sequence[str]) -> int:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
         return _fail(message_of(error) + _help_hint(arguments, error))
+    except click.NoSuchOption as error:
+        return _fail(f"{error.option_name}: no such option; {_advice(error)}")
     except click.UsageError as error:
         command = "bokehnet" if error.ctx is None else error.ctx.command_path
         return _fail(f"{error.format_message().rstrip('.')}; see {command} --help")
@@ -190,6 +208,16 @@ def _help_hint(arguments: Sequence[str], error: BokehnetError) -> str:
         return ""
     group = command.group_of(error.parameter) if command.common else ""
     return f"; see bokehnet {command.name} --help {group}" if group else ""
+
+
+def _advice(error: click.NoSuchOption) -> str:
+    """Return the option that a user of another name means, or where the help is."""
+    assert error.ctx is not None
+    flag, context = error.option_name, error.ctx
+    options = [item for item in context.command.params if isinstance(item, click.Option) and not item.hidden]
+    flags = {name for option in options for name in option.opts}
+    near = _OTHER_NAMES.get(flag) if _OTHER_NAMES.get(flag) in flags else similar_name(flag, flags)
+    return f"did you mean {near}?" if near else f"see {context.command_path} --help"
 
 
 def _fail(message: str) -> int:

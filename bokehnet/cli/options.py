@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from bokehnet.cli.parser import SectionedOption, completion
-from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import Group, Setting, field_settings
 from bokehnet.settings.preset import load_preset
@@ -99,11 +99,25 @@ def resolved_settings(file: str | None, preset: str | None, option_values: Optio
         return RenderSettings().updated(changes)
     except ParameterError as error:
         others = _focus_errors(changes)
-        raise error.with_others(others) if others else error from error.__cause__
+        told = error.with_others(others) if others else error
+        if file is not None and _is_set(error.parameter, _values_of(file)):
+            reason = str(told).removeprefix(told.parameter)
+            raise ConfigError(f"{file}: `{told.parameter}`{reason}") from error
+        raise told from error.__cause__
+
+
+def _is_set(parameter: str, values: OptionValues) -> bool:
+    """Return whether values contain a parameter, named with its group or without."""
+    group, _, name = parameter.rpartition(".")
+    return any(name in fields for key, fields in values.items() if group in ("", key))
+
+
+def _values_of(file: str) -> OptionValues:
+    return settings_from_table(read_toml(file, "settings"), file)
 
 
 def _layered(file: str | None, preset: str | None, option_values: OptionValues) -> OptionValues:
-    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
+    base = {} if file is None else _values_of(file)
     look = {} if preset is None else load_preset(preset).values
     return merged(base, look, option_values)
 

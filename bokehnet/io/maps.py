@@ -422,7 +422,7 @@ def _read_colors(file: ImageFile, values: NDArray[np.float32], names: list[str],
         raise ImageFileError(
             f"{file.path}: expected one channel, found a colour picture ({', '.join(names)} differ) in none "
             f"of the colour maps {', '.join(COLOR_MAPS)}; export the map in grey, or name its colour map or "
-            "packing with `depth.coding`"
+            "packing with `depth.coding`; if this is the picture, it and its map are swapped"
         )
     decoded = decode_colors(values, name)
     known = _decoded_fraction(file, decoded, name)

@@ -145,6 +145,8 @@ def _completed_aperture(
     note = f"f/{f_number:.2g} for a blur of up to {100 * radius / longer_side:.2g} % of the longer side"
     if camera.strength is None:
         note += ", as the file has no f-number"
+        if f_number < _FASTEST_LENS:
+            note += " (no lens has it; `camera.f_number` sets another)"
     return replace(camera, f_number=f_number, strength=None), (*notes, note)
 
 
@@ -166,6 +168,9 @@ def _completed_view(
 
 # Smallest radius of a strength, relative to the longer side: strength 0 has no finite f-number.
 _MIN_RADIUS = 1e-5
+
+# Smallest f-number of a lens in air.
+_FASTEST_LENS = 0.5
 
 # Largest aperture that is assumed; a flat scene needs an infinite one for any blur.
 _MIN_F_NUMBER = 0.1

@@ -2,12 +2,13 @@
 
 import math
 
-from bokehnet.errors import LensError
+from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses.assembly.misalignment import focus_tilt
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.scene.focus import FocusedLens
+from bokehnet.settings.preset import presets
 from bokehnet.settings.settings import LensSettings
 
 __all__ = ["copy_tilt_gradient", "lens_of_picture", "prescription_lens"]
@@ -50,6 +51,8 @@ def prescription_lens(
             copy_seed=settings.copy_seed or 0,
         )
     except LensError as error:
+        if settings.name in presets():
+            raise ParameterError("lens.name", "a lens", shown=f"the preset {settings.name!r}") from error
         hint = "; `lens.f_number` sets that of the lens only" if "f-number" in str(error) else ""
         raise LensError(f"`lens.name`: {error}{hint if settings.f_number is None else ''}") from error
 

@@ -34,7 +34,7 @@ def confirm_large_blur(settings: RenderSettings, width: int, height: int, radius
         radius: Largest blur radius, pixels.
 
     Raises:
-        click.Abort: The user declines.
+        click.exceptions.Exit: The user declines.
     """
     engine = settings.engine.name or DEFAULT_ENGINE
     notice = large_blur_notice(engine, width, height, radius)
@@ -43,7 +43,10 @@ def confirm_large_blur(settings: RenderSettings, width: int, height: int, radius
     write_above(notice)
     is_long = expected_seconds(engine, width, height, radius) > _LONG_SECONDS
     if is_long and sys.stdin.isatty() and sys.stderr.isatty():
-        click.confirm("Continue?", err=True, default=True, abort=True)
+        if click.confirm("Continue?", err=True, default=True):
+            return
+        click.echo("bokehnet: nothing rendered; a smaller --blur takes less time", err=True)
+        raise click.exceptions.Exit(1)
 
 
 def is_large_blur(settings: RenderSettings, scene: Scene) -> bool:

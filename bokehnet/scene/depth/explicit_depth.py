@@ -39,6 +39,9 @@ _MAX_CONSTANT_RANGE = 0.02
 # looked at.
 _OUTLIERS, _SAMPLED_PIXELS = 0.0005, 100_000
 
+# Median distance of a scene above which the unit of integers is doubtful, mm.
+_DOUBTFUL_DISTANCE = 1e6
+
 # Maximum of the values that map to 0 and 1 for maps of integers, whose values are 0 to 1.
 _MAX_INTEGER_RANGE = 10.0
 
@@ -271,9 +274,11 @@ class MetricDepth:
             raise ImageFileError(f"{name}: depth is not above 0 at most pixels; multiply it by -1")
         known = np.where(missing.mask, np.float32(1), numbers) if missing.mask.any() else numbers
 
-        disparity = disparity_from_depth(depth_to_mm(known, unit, name))  # 0 for sky at infinite depth
+        depth = depth_to_mm(known, unit, name)
+        disparity = disparity_from_depth(depth)  # 0 for sky at infinite depth
         values, assumptions, notes = _filled(disparity, missing, photo, self.holes, stored, self.map)
-        return values, (f"depth in {unit}", *stored.assumptions, *assumptions), (*stored.notes, *notes)
+        notes = (*stored.notes, *_doubt_of_unit(name, unit, stored.largest_integer, depth), *notes)
+        return values, (f"depth in {unit}", *stored.assumptions, *assumptions), notes
 
     def _between_planes(
         self, stored: StoredMap, photo: Photo
@@ -308,6 +313,21 @@ class MetricDepth:
                 )
             numbers.append(float(value))
         return planar_factor(size, window, *numbers)
+
+
+def _doubt_of_unit(
+    name: str, unit: str, largest_integer: int | None, depth: npt.NDArray[np.floating]
+) -> tuple[str, ...]:
+    """Return a note if integers in a unit put most of the scene, depth in mm, beyond a kilometre."""
+    if largest_integer is None:
+        return ()
+    middle = float(np.median(depth[:: 1 + depth.shape[0] // 256, :: 1 + depth.shape[1] // 256]))
+    if middle < _DOUBTFUL_DISTANCE:
+        return ()
+    return (
+        f"{name}: integers up to {largest_integer} in {unit} put half of the scene beyond "
+        f"{middle / 1e6:.2g} km; are they of another `depth.unit`, such as mm?",
+    )
 
 
 def _stored(

@@ -20,7 +20,9 @@ def one_line(text):
     [
         (["info", "missing.png"], "missing.png: no such file"),
         (["info"], "Missing argument"),
-        (["info", "--bogus", "a.png"], "--bogus"),
+        (["info", "--bogus", "a.png"], "--bogus: no such option; see bokehnet info --help"),
+        (["render", "a.png", "--blurr", "3"], "--blurr: no such option; did you mean --blur?"),
+        (["render", "a.png", "--aperture", "2.8"], "did you mean --f-number?"),
         (["bogus"], "bogus"),
         (["rendr"], "Did you mean 'render'?"),
         ([__file__], f"To render this file: bokehnet render {__file__}"),

@@ -279,7 +279,7 @@ def test_what_save_maps_writes_renders_the_same_again(folder, picture):
     [
         (None, ["cannot read settings mine.toml: No such file"]),
         ("blads = 3\n", ["mine.toml: unknown option 'blads'", "blades"]),
-        ("[camera]\nblur = -1\n", ["--blur: expected a number of at least 0 pixels, got -1"]),
+        ("[camera]\nblur = -1\n", ["mine.toml: --blur: expected a number of at least 0 pixels, got -1"]),
         ("[camera\n", ["mine.toml: expected TOML"]),
         (
             '[input]\ndisparity = "disparity.png"\ndepth = "camera.exr"\n',

@@ -48,7 +48,7 @@ def test_a_large_blur_warns_before_the_repair(folder, cli, monkeypatch):
     assert "expect about" in outcome.err.split("repairing")[0]
 
 
-@pytest.mark.parametrize(("answer", "code"), [("n\n", 130), ("y\n", 0)])
+@pytest.mark.parametrize(("answer", "code"), [("n\n", 1), ("y\n", 0)])
 def test_a_terminal_is_asked_before_a_long_render(folder, cli, monkeypatch, answer, code):
     """The terminal is replaced: two streams that say that they are one."""
     import io
@@ -63,4 +63,5 @@ def test_a_terminal_is_asked_before_a_long_render(folder, cli, monkeypatch, answ
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     outcome = cli(*WORDS, "--blur", 100, "--focus", 0.4, "-o", "out.png", "--json")
     assert outcome.code == code
+    assert ("nothing rendered" in outcome.err) == (code == 1)
     assert (folder / "out.png").exists() == (code == 0)

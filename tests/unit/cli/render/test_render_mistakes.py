@@ -261,7 +261,7 @@ def mistaken_maps(folder):
         (["--disparity", "disparity.png", "--channel", "Q"], "no channel 'Q', found Y"),
         (["--disparity", "disparity.png", "--disparity-range", "0,255"], "codes of this map count over 255"),
         (["--depth", "disparity.png"], "found integers up to 255"),
-        (["--disparity", "color.png"], "found a colour picture"),
+        (["--disparity", "color.png"], "if this is the picture, it and its map are swapped"),
     ],
 )
 def test_a_map_that_does_not_apply_is_refused_before_kernels_are_imported(
@@ -272,6 +272,13 @@ def test_a_map_that_does_not_apply_is_refused_before_kernels_are_imported(
     assert outcome.code == 1
     assert word in outcome.err
     assert outcome.err.count("\n") == 1  # no imported module is named
+
+
+def test_a_preset_as_a_lens_is_named_as_one(folder, fails):
+    fails(
+        [*MAP, "--engine", "rays", "--lens", "petzval-swirl"],
+        "--lens: expected a lens, got the preset 'petzval-swirl'",
+    )
 
 
 def test_an_unknown_lens_is_refused_before_the_renderer_is_imported(folder, python_process):

@@ -88,6 +88,14 @@ def test_integers_in_units_with_a_scale(tmp_path, unit, scale):
         assert depth.assumptions == (f"depth in {unit}",)
 
 
+@pytest.mark.parametrize(("unit", "is_doubtful"), [("m", True), ("mm", False)])
+def test_integers_that_put_a_scene_beyond_a_kilometre_are_doubted(tmp_path, unit, is_doubtful):
+    stored = np.linspace(900, 9000, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH).astype(np.uint16)
+    Image.fromarray(stored).save(tmp_path / "z.png")
+    notes = MetricDepth(map=tmp_path / "z.png", unit=unit).depth_map(PHOTO).notes
+    assert any(" km; are they of another `depth.unit`" in note for note in notes) == is_doubtful
+
+
 def test_integers_without_unit_are_refused_with_the_way_out(tmp_path):
     Image.fromarray(np.full((4, 6), 900, np.uint16)).save(tmp_path / "z.png")
     with pytest.raises(ImageFileError, match=r"integers up to 65535; give their unit as `depth.unit`"):
