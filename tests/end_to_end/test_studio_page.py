@@ -441,6 +441,7 @@ def test_a_photo_without_depth_shows_a_notice_and_can_be_painted(browser, files,
         page.wait_for_selector("body[data-settled]")
         assert "no depth" in page.locator("#banner").inner_text()
         assert page.evaluate("document.querySelector('#quick').inert")
+        assert page.locator("#export").is_disabled()
         page.click("#estimate")
         page.wait_for_selector("#offer:not([hidden])")
         assert page.locator("#offer-text").inner_text()
@@ -449,6 +450,7 @@ def test_a_photo_without_depth_shows_a_notice_and_can_be_painted(browser, files,
         settle(page, lambda: page.mouse.click(*at(page, 0.5, 0.5)))
         assert page.locator("#banner").is_hidden()
         assert not page.evaluate("document.querySelector('#quick').inert")
+        assert page.locator("#export").is_enabled()
     finally:
         page.close()
         studio.end()

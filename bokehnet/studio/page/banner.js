@@ -35,6 +35,7 @@ export function showBanner(state) {
   const missing = Boolean(state.open && state.flat && !state.strokes);
   $("banner").hidden = !missing;
   for (const id of ["quick", "presets"]) $(id).toggleAttribute("inert", missing);
+  $("export").disabled = missing;
   return missing;
 }
 
