@@ -4,11 +4,13 @@ Noise makes blur radii uneven and, if it is as high as depth edges, creates fals
 
 Method: joint bilateral filter (Tomasi and Manduchi, "Bilateral filtering for gray and color images", ICCV
 1998) in two passes, the first with distant samples: errors of stereo matching are shared by the pixels of a
-window, so that near samples do not average them. The second pass assumes less noise. Depth edges and colour
-edges are not smoothed.
+window, so that near samples do not average them. It smooths no colour edges, so that faint depth edges stay.
+The second pass averages over colours: in fine texture the first one finds too few similar pixels.
 
 In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit. Out: the map in the same unit.
 """
+
+import math
 
 import numpy as np
 
@@ -17,10 +19,13 @@ from bokehnet.optics.encoding import encode
 
 __all__ = ["denoise_map", "without_outliers"]
 
-# For each pass: half width of the window in samples, their distance in pixels, and standard deviation of
-# disparities in standard deviations of the noise. Standard deviation of encoded colours.
-_PASSES = ((3, 3, 2.0), (3, 1, 1.25))
+# Standard deviation of encoded colours.
 _COLOR_SIGMA = 0.06
+
+# For each pass: distance of the samples in pixels, and standard deviation of colours. Half width of the window in
+# samples, and standard deviation of disparities in standard deviations of the noise.
+_PASSES = ((3, _COLOR_SIGMA), (1, math.inf))
+_RADIUS, _SIGMAS = 3, 2.0
 
 # Half width of the window around a wrong pixel; its range as a fraction of the least error; and bounds of the
 # fraction of such pixels: exact maps have up to 0.0003, and above the upper bound they are the content.
@@ -36,9 +41,9 @@ def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> n
         deviation: Standard deviation of the noise, in the unit of the map.
     """
     colors = np.asarray(encode(image), np.float32)
-    for radius, spacing, sigmas in _PASSES:
+    for spacing, color_sigma in _PASSES:
         disparity = joint_bilateral(
-            colors, disparity, radius, _COLOR_SIGMA, sigmas * deviation, spacing=spacing
+            colors, disparity, _RADIUS, color_sigma, _SIGMAS * deviation, spacing=spacing
         )
     return disparity
 

@@ -75,12 +75,13 @@ def test_denoising_equals_two_joint_bilateral_filters():
     rng = np.random.default_rng(0)
     image, disparity = rng.random((9, 11, 3), np.float32), rng.random((9, 11), np.float32)
     colors, expected = encode(image).astype(np.float64), disparity.astype(np.float64)
-    for deviation, radius, step in ((0.2, 3, 3), (0.125, 3, 1)):
+    radius, deviation = 3, 0.2
+    for step, color_sigma in ((3, 0.06), (1, np.inf)):
         previous, expected = expected, np.empty_like(expected)
         for y, x in np.ndindex(previous.shape):
             places = (np.arange(-radius, radius + 1) * step + place for place in (y, x))
             window = np.ix_(*(a[(a >= 0) & (a < n)] for a, n in zip(places, previous.shape, strict=True)))
-            color_distance = ((colors[window] - colors[y, x]) ** 2).sum(-1) / 0.06**2
+            color_distance = ((colors[window] - colors[y, x]) ** 2).sum(-1) / color_sigma**2
             weight = np.exp(-0.5 * (color_distance + ((previous[window] - previous[y, x]) / deviation) ** 2))
             expected[y, x] = (weight * previous[window]).sum() / weight.sum()
     assert_allclose(denoise_map(image, disparity, 0.1), expected, atol=1e-5)
