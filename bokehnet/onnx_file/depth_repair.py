@@ -25,7 +25,7 @@ from bokehnet.depth_repair.stages.sharpen import (
     soft_mask,
 )
 from bokehnet.errors import ModelFileError
-from bokehnet.io.files.atomic import write_atomic
+from bokehnet.io.files.atomic import write_bytes
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.occlusion.unmixing import write_rows
 from bokehnet.onnx_file.pictures import local_extremes
@@ -196,9 +196,5 @@ def export_repair(path: Path) -> float:
             f"{path}: expected {REPAIR_PARITY:.1%} of the pixels to be repaired as by the package, found "
             f"{agreement:.1%}; not written"
         )
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-
-    write_atomic(path, write, error=ModelFileError)
+    write_bytes(path, content, error=ModelFileError)
     return agreement

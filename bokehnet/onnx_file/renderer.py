@@ -16,7 +16,7 @@ from bokehnet.engines.options import RenderOptions
 from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.inference.bokehme import DISPLAY_GAMMA
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.io.files.atomic import write_atomic
+from bokehnet.io.files.atomic import write_bytes
 from bokehnet.onnx_file.bokehme import build_bokehme
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
@@ -269,9 +269,5 @@ def export_renderer(
             f"{path}: expected at least {required:g} dB between the file and the package, "
             f"found {lowest:.1f}; not written"
         )
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-
-    write_atomic(path, write, error=ModelFileError)
+    write_bytes(path, content, error=ModelFileError)
     return lowest

@@ -122,13 +122,12 @@ def ensure_depth(image: Path, settings: "RenderSettings") -> None:
 
 def _fetch(model: "DepthModel") -> None:
     """Download a network unless it is on this machine, after asking on a terminal."""
-    from bokehnet.inference.model_download import cached_file, downloads_allowed, fetch_model, model_file
+    from bokehnet.inference.model_download import downloads_allowed, fetch_model, model_file
 
     if not (_is_terminal() or downloads_allowed()):
         model_file(model)  # raises unless it is on this machine
         return
-    if cached_file(model) is None:
-        fetch_model(model, _agree)
+    fetch_model(model, _agree)
 
 
 def _agree(offer: "DownloadOffer") -> bool:

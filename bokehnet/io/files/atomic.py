@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["check_target", "folder_problem", "remove_leftovers", "write_atomic", "write_text"]
+__all__ = ["check_target", "folder_problem", "remove_leftovers", "write_atomic", "write_bytes", "write_text"]
 
 _PREFIX = ".bokehnet-"
 
@@ -113,6 +113,15 @@ def write_text(path: Path | str, text: str, *, error: type[BokehnetError] = Imag
 
     def write(temporary: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
+
+    write_atomic(path, write, error=error)
+
+
+def write_bytes(path: Path | str, content: bytes, *, error: type[BokehnetError] = ImageFileError) -> None:
+    """Write ``content`` through :func:`write_atomic`."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(content)
 
     write_atomic(path, write, error=error)
 
