@@ -22,9 +22,10 @@ __all__ = ["denoise_map", "without_outliers"]
 # Standard deviation of encoded colours.
 _COLOR_SIGMA = 0.06
 
-# For each pass: distance of the samples in pixels, and standard deviation of colours. Half width of the window
-# in samples, and standard deviation of disparities in standard deviations of the noise.
+# For each pass: distance of the samples in pixels, and standard deviation of colours.
 _PASSES = ((3, _COLOR_SIGMA), (1, math.inf))
+
+# Half width of the window in samples, and standard deviation of disparities, in those of the noise.
 _RADIUS, _SIGMAS = 3, 2.0
 
 # Half width of the window around a wrong pixel; its range as a fraction of the least error; and bounds of the
