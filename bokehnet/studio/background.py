@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
+from multiprocessing.reduction import ForkingPickler
 from time import monotonic
 from typing import Any, Protocol
 
@@ -47,6 +48,7 @@ class BackgroundProcess:
         self._context = multiprocessing.get_context("spawn")
         self._number = 0
         self._process: Any = None
+        self._sender: threading.Thread | None = None
 
     def start(self) -> None:
         """Start the process in advance, which takes a second."""
@@ -89,7 +91,7 @@ class BackgroundProcess:
             self._number += 1
             number = self._current.value = self._number
             try:
-                self._pipe.send((number, task, arguments, seconds))
+                self._send((number, task, arguments, seconds), cancel)
                 return self._answer(number, progress, cancel, seconds)
             except BokehnetError:  # some are also OSError
                 raise
@@ -101,6 +103,20 @@ class BackgroundProcess:
                 ) from error
         finally:
             self._turn.release()
+
+    def _send(self, message: Any, cancel: CancelSignal | None) -> None:
+        """Send a task while answers are read.
+
+        The process may be sending the answer of a cancelled task, and reads nothing before that is read.
+        """
+        content = ForkingPickler.dumps(message)
+        while self._sender is not None and self._sender.is_alive():
+            if cancel is not None and cancel.is_set():
+                raise RenderCancelled("rendering was cancelled")
+            if self._pipe.poll(_POLL_INTERVAL):
+                self._pipe.recv()
+        self._sender = threading.Thread(target=_send_bytes, args=(self._pipe, content), daemon=True)
+        self._sender.start()
 
     def _answer(
         self, number: int, progress: Progress | None, cancel: CancelSignal | None, seconds: float | None
@@ -131,6 +147,7 @@ class BackgroundProcess:
     def _ensure(self) -> None:
         if self._process is not None and self._process.is_alive():
             return
+        self._sender = None
         self._pipe, worker_end = self._context.Pipe()
         self._current = self._context.Value("q", 0)
         self._process = self._context.Process(
@@ -140,6 +157,11 @@ class BackgroundProcess:
         )
         self._process.start()
         worker_end.close()  # so that the pipe closes with the process
+
+
+def _send_bytes(pipe: Any, content: Any) -> None:
+    with contextlib.suppress(OSError):  # the process has died, which its answer tells
+        pipe.send_bytes(content)
 
 
 def _serve(pipe: Any, current: Any, niceness: int, modules: Sequence[str]) -> None:
