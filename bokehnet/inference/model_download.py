@@ -29,6 +29,7 @@ __all__ = [
     "download",
     "download_offer",
     "downloads_allowed",
+    "downloads_forbidden",
     "fetch_model",
     "model_file",
 ]
@@ -126,6 +127,11 @@ def downloads_allowed() -> bool:
     return os.environ.get(ALLOW, "").lower() in ("1", "yes", "true")
 
 
+def downloads_forbidden() -> bool:
+    """Return whether the environment forbids downloads."""
+    return os.environ.get(ALLOW, "").lower() in ("0", "no", "false")
+
+
 def check_download(model: DepthModel) -> None:
     """Raise if the environment forbids to download ``model``, so that nobody is asked in vain.
 
@@ -142,7 +148,7 @@ def check_download(model: DepthModel) -> None:
             f"{model.name}: expected a connection, HF_HUB_OFFLINE is set, and {_folder()} has no "
             f"{_source(model)}; unset it, or copy that folder from a machine that has it; {_WITHOUT_DOWNLOAD}"
         )
-    if os.environ.get(ALLOW, "").lower() in ("0", "no", "false"):
+    if downloads_forbidden():
         raise ModelFileError(
             f"{model.name}: {ALLOW} forbids downloads, and {_folder()} has no {_source(model)}; "
             f"unset it, or copy that folder from a machine that has it; {_WITHOUT_DOWNLOAD}"

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
 from bokehnet.inference.depth_models import recommended_model
+from bokehnet.inference.model_download import downloads_forbidden
 from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.phone_depth import PhoneDepth, has_phone_depth, read_phone_depth
@@ -161,8 +162,8 @@ def no_depth_error(path: Path | None) -> ParameterError:
 def _network_remedy() -> str:
     """Return how to get a network that estimates the missing depth."""
     model = recommended_model()
-    if model is None:
-        return "`input.depth_model` estimates it with a network"
+    if model is None or downloads_forbidden():
+        return "`input.depth_model` estimates it with the file of a network; `bokehnet studio` can paint it"
     command = f"`bokehnet models {model.name} --get`"
     licence = f"{model.size}, licence {model.licence}"
     return f"{command} downloads a network that estimates it ({licence}); `bokehnet studio` can paint it"

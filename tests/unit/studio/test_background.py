@@ -59,6 +59,6 @@ def test_a_process_that_dies_is_replaced(background):
 
 
 def test_a_time_limit_ends_the_task(background):
-    with pytest.raises(BokehnetError, match="within 0.1 s"):
+    with pytest.raises(BokehnetError, match=r"within 0\.1 s"):
         background.run(slow_large_answer, seconds=0.1)
     assert background.run(total, np.ones(3, np.uint8)) == 3
