@@ -178,6 +178,8 @@ def model_file(model: DepthModel, *, allowed: bool = False) -> Path:
     file = cached_file(model)
     if file is not None:
         return file
+    if downloads_forbidden():
+        check_download(model)
     if not (allowed or downloads_allowed()):
         raise ModelFileError(
             f"{consent_text(model)} `bokehnet models {model.name} --get` downloads it once; "

@@ -104,7 +104,7 @@ def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path
     without = run(*render)
     assert (without.returncode, "has no depth map" in without.stderr) == (1, True)
     assert "bokehnet models tiny --get downloads a network" in without.stderr
-    forbidden = run(*DEPTH, BOKEHNET_DOWNLOADS="no").stderr
+    forbidden = run(*render, BOKEHNET_DOWNLOADS="no").stderr
     assert "--depth-model estimates it" in forbidden
     assert "--get" not in forbidden
     run("models", "tiny", "--get")
