@@ -85,14 +85,32 @@ class ExtraLight:
     note: str
 
 
-def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> tuple[Scene, RenderSettings]:
+def open_picture(
+    path: Path, settings: RenderSettings, fallback: RenderSettings | None = None, *, report: Progress
+) -> tuple[Scene, RenderSettings, RenderSettings]:
     """Read a picture and its map, resized to the picture; a task of the background process.
 
     Args:
         path: File of the picture. A picture without depth gets a flat map to paint on.
-        settings: Settings of the render; missing ones that the picture needs are added.
+        settings: Settings of the render.
+        fallback: Settings to try if the picture cannot be opened with ``settings``.
         report: Progress callback.
+
+    Returns:
+        Scene, the settings that it was opened with, and these with the defaults that the picture needs.
     """
+    try:
+        return _opened_with(path, settings, report)
+    except BokehnetError:
+        if fallback is None:
+            raise
+    return _opened_with(path, fallback, report)
+
+
+def _opened_with(
+    path: Path, settings: RenderSettings, report: Progress
+) -> tuple[Scene, RenderSettings, RenderSettings]:
+    """Read a picture with one choice of settings; see :func:`open_picture`."""
     os.environ.setdefault(*MAX_PIXELS)
     try:
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
@@ -108,7 +126,7 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
         settings = replace(settings, depth=replace(settings.depth, resize=True))
     values = map_at_picture_size(scene, replace(settings.depth, repair="off"))
     depth = replace(scene.depth, values=values, filtered=None, fits_any_size=False)
-    return replace(scene, depth=depth), _completed(settings, scene)
+    return replace(scene, depth=depth), settings, _completed(settings, scene)
 
 
 def _check_shape(scene: Scene) -> None:
@@ -189,6 +207,8 @@ class Opened:
     Args:
         path: File of the picture.
         scene: Scene from :func:`open_picture`.
+        asked: Settings that it was opened with.
+        complete: These with defaults.
 
     Attributes:
         path: File of the picture.
@@ -202,8 +222,15 @@ class Opened:
         thumbnails: Cache of thumbnails for the page.
     """
 
-    def __init__(self, path: Path, scene: Scene) -> None:
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        asked: RenderSettings | None = None,
+        complete: RenderSettings | None = None,
+    ) -> None:
         self.path, self.scene = path, scene
+        self._asked, self._complete = asked, complete
         self.strokes: list[Stroke] = []
         self.values = scene.depth.values
         self.repaired: bool | None = None
@@ -264,6 +291,13 @@ class Opened:
             with self._lock:
                 self.version += 1
                 self._views.clear()
+
+    def refocused(self, settings: RenderSettings) -> RenderSettings:
+        """Return settings with the defaults for the present map, unless changed since the opening."""
+        if self._asked is not None and settings == self._complete:
+            depth = replace(self.scene.depth, values=self.values)
+            self._complete = settings = _completed(self._asked, replace(self.scene, depth=depth))
+        return settings
 
     def take_repaired(self, values: Array, repaired: bool, reason: str) -> None:
         """Replace the map by the repaired one."""

@@ -112,7 +112,7 @@ class Session:
         """
         self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, complete = self._read(path, settings, fallback, seconds)
+            scene, asked, complete = self._read(path, settings, fallback, seconds)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
@@ -122,7 +122,7 @@ class Session:
             raise self._without_paths(error) from error
         with self._lock:
             is_new = self.opened is None or self.opened.path != path
-            self.opened, self.settings = Opened(path, scene), complete
+            self.opened, self.settings = Opened(path, scene, asked, complete), complete
             self.opened.strokes = strokes or []
             self._opening = threading.Event()
             self.jobs["repair"] = self.jobs["light"] = {"state": "idle"}
@@ -140,14 +140,9 @@ class Session:
     def _read(
         self, path: Path, settings: RenderSettings, fallback: RenderSettings | None, seconds: float
     ) -> Any:
-        """Return the scene of a picture and its complete settings."""
+        """Return the scene of a picture, and its settings as asked for and complete."""
         process = self.slow if self.jobs["export"]["state"] == "running" else self.exporter
-        try:
-            return process.run(open_picture, path, settings, seconds=seconds)
-        except BokehnetError:
-            if fallback is None:
-                raise
-        return process.run(open_picture, path, fallback, seconds=seconds)
+        return process.run(open_picture, path, settings, fallback, seconds=seconds)
 
     def with_look(self, inputs: Mapping[str, Any]) -> RenderSettings:
         """Return the settings of a new picture: its depth, and the look of the selected preset."""
@@ -445,6 +440,9 @@ class Session:
         if not stop.is_set():
             with self._lock:
                 opened.take_repaired(*repair)
+                if (settings := opened.refocused(self.settings)) != self.settings:
+                    self.settings = settings
+                    self.initial = self.shown_settings()
             self.jobs["repair"] = {"state": "done", "reason": opened.repair_reason}
 
     def _export(self, opened: Opened, settings: RenderSettings, name: str) -> None:

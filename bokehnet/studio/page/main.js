@@ -253,8 +253,10 @@ function showJobs(jobs) {
   if (now.estimate === "running" && estimate.state === "done") safely(async () => opened(await get("state")))();
   now.estimate = estimate.state;
   if (now.repair === "running" && repair.state === "done") {
-    showMessage(`map repaired: ${repair.reason}`, "status");
-    requestPreview();
+    safely(async () => {
+      await opened(await get("state"));  // the focus may have moved with the map
+      showMessage(`map repaired: ${repair.reason}`, "status");
+    })();
   }
   if (repair.state === "failed") showMessage(repair.error, "error");
   if (repair.state === "running") showProgress(repair.share);

@@ -12,9 +12,10 @@ from bokehnet.errors import ShapeError
 from bokehnet.io.image import write_image, write_map
 from bokehnet.render.look import make_aperture
 from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.subject import find_subject
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.background import BackgroundProcess
-from bokehnet.studio.opened import MAX_PIXELS, open_picture
+from bokehnet.studio.opened import MAX_PIXELS, Opened, open_picture
 from bokehnet.studio.preview import preview
 from bokehnet.studio.preview.preview import Canvas, Previews
 from tests.unit.studio.conftest import SIZE
@@ -89,11 +90,25 @@ def test_the_first_look_has_the_blur_of_the_command_line(own_limit, tmp_path):
     write_map(tmp_path / "map.png", disparity)
     changes = {"input": {"disparity": str(tmp_path / "map.png")}, "depth": {"repair": "off"}}
     settings = RenderSettings().updated(changes)
-    scene, completed = open_picture(tmp_path / "photo.png", settings, report=lambda done, total: None)
+    scene, _, completed = open_picture(tmp_path / "photo.png", settings, report=lambda done, total: None)
     renderer = BokehRenderer()
     first, command = (renderer.prepare(scene, each) for each in (completed, settings))
     assert np.abs(first.defocus).max() == pytest.approx(np.abs(command.defocus).max(), abs=0.1)
     assert np.abs(command.defocus).max() > 2
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_the_default_focus_follows_the_repaired_map(own_limit, files, is_changed):
+    """Authority: the subject, a flat square, in the new map; settings that the user has changed stay."""
+    settings = RenderSettings().updated({"input": {"disparity": str(files / "map.png")}})
+    scene, asked, complete = open_picture(files / "photo.png", settings, report=lambda done, total: None)
+    opened = Opened(files / "photo.png", scene, asked, complete)
+    current = complete.updated({"camera": {"blur": 7}}) if is_changed else complete
+    opened.take_repaired((0.8 * scene.depth.values).astype(np.float32), True, "test")
+    near = find_subject(scene.image, opened.values).near
+    assert abs(complete.focus.value - near) > 0.1
+    expected = complete.focus.value if is_changed else near
+    assert opened.refocused(current).focus.value == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("width", "height", "fits"), [(48, 32, True), (49, 32, True), (48, 64, False)])
@@ -102,7 +117,7 @@ def test_a_map_of_another_shape_is_refused(own_limit, files, tmp_path, width, he
     settings = RenderSettings().updated({"input": {"disparity": str(tmp_path / "map.png")}})
     words = (files / "photo.png", settings)
     if fits:
-        scene, _ = open_picture(*words, report=lambda done, total: None)
+        scene, *_ = open_picture(*words, report=lambda done, total: None)
         assert scene.depth.values.shape == scene.image.shape[:2]
         return
     with pytest.raises(ShapeError, match=r"48x64 pixels, the picture 96x64.*of this picture"):
