@@ -100,7 +100,8 @@ def resolved_settings(file: str | None, preset: str | None, option_values: Optio
     except ParameterError as error:
         others = _focus_errors(changes)
         told = error.with_others(others) if others else error
-        if file is not None and _is_set(error.parameter, _values_of(file)):
+        is_from_file = file is not None and _is_set(error.parameter, _values_of(file))
+        if is_from_file and not _is_set(error.parameter, option_values):
             reason = str(told).removeprefix(told.parameter)
             raise ConfigError(f"{file}: `{told.parameter}`{reason}") from error
         raise told from error.__cause__

@@ -294,6 +294,14 @@ def test_a_settings_file_that_is_wrong_is_reported(folder, fails, text, words):
     fails(["render", "photo.png", *FAST, "--settings", "mine.toml"], *words)
 
 
+def test_an_option_that_is_wrong_is_not_blamed_on_the_settings_file(folder, cli):
+    (folder / "mine.toml").write_text("[aperture]\nblades = 5\n")
+    words = ["render", "photo.png", *FAST, "--settings", "mine.toml", "--blades", "2", "-o", "out.png"]
+    outcome = cli(*words)
+    assert outcome.code == 1
+    assert outcome.err.startswith("bokehnet: error: --blades: expected 0 (disc) or 3 to 16, got 2")
+
+
 def test_a_defocus_map_is_rendered_as_it_is(folder, picture):
     """Oracle: the disparity that it was made of."""
     expected = picture(*FULL)
