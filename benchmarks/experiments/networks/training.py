@@ -3,6 +3,7 @@
 import argparse
 import copy
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -17,12 +18,12 @@ from tqdm import tqdm
 
 from benchmarks.experiments.networks.views import (
     KINDS,
-    MAX_BLUR_PX,
     TrainingView,
     busy_window,
     mean_scores,
 )
 from benchmarks.figures import write_figures
+from benchmarks.quality.scenes.repair_material import MAX_RADIUS_PX
 from bokehnet.io.files.atomic import write_text
 
 __all__ = ["INSIDE", "Batch", "Crops", "Phase", "parse_arguments", "report_scores", "train_seeds"]
@@ -33,7 +34,8 @@ _SAVE_EVERY = 100
 Batch = dict[str, Tensor]
 
 # Part of a crop whose light comes from the crop alone.
-INSIDE = (..., slice(MAX_BLUR_PX, -MAX_BLUR_PX), slice(MAX_BLUR_PX, -MAX_BLUR_PX))
+_MARGIN_PX = math.ceil(MAX_RADIUS_PX)
+INSIDE = (..., slice(_MARGIN_PX, -_MARGIN_PX), slice(_MARGIN_PX, -_MARGIN_PX))
 
 
 class Crops:

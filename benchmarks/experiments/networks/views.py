@@ -14,32 +14,26 @@ from tqdm import tqdm
 
 from benchmarks.quality.scenes.repair_faults import FAULTS
 from benchmarks.quality.scenes.repair_material import CONFIG, ESTIMATORS, Scene, read_scene, read_scenes
+from bokehnet.config import load_config
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.synth import SceneConfig
+from bokehnet.synth import SceneConfig, SynthConfig
 from train.data.augmentation import augment_disparity
 from train.scores.metrics import compare
 
-__all__ = ["KINDS", "MAX_BLUR_PX", "TrainingView", "busy_window", "mean_scores", "training_views"]
-
-# Blur radius of the scenes in pixels, at most, which is the margin of a crop without loss.
-MAX_BLUR_PX = 10
+__all__ = ["KINDS", "TrainingView", "busy_window", "mean_scores", "training_views"]
 
 # Side of a crop in pixels, candidates of a crop, and the minimum difference of neighbours at a depth edge, as
 # a fraction of the range; a crop without a depth edge teaches nothing.
 _CROP_PX, _CANDIDATE_CROPS, _MIN_STEP = 64, 3, 0.03
 
+_CLUTTER = Path(__file__).parents[3] / "configs" / "synth_clutter.toml"
+_PHOTOGRAPHS = load_config(_CLUTTER, SynthConfig).scene.photographs
 _TRAINING = replace(
     CONFIG,
     seed=4000037,
     kind="planes",
-    scene=SceneConfig(
-        light_probability=0.0,
-        photographs=(
-            *("astronaut", "brick", "camera", "chelsea", "coins", "grass", "ihc", "moon", "motorcycle_left"),
-            *("page", "retina"),
-        ),
-    ),
+    scene=SceneConfig(light_probability=0.0, photographs=_PHOTOGRAPHS),
 )
 
 # Estimators of the training, and maps of each scene.

@@ -29,7 +29,7 @@ from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
 
-__all__ = ["CONFIG", "ESTIMATORS", "Scene", "layered_scene", "read_scene", "read_scenes"]
+__all__ = ["CONFIG", "ESTIMATORS", "MAX_RADIUS_PX", "Scene", "layered_scene", "read_scene", "read_scenes"]
 
 # The scenes of the benchmark.
 CONFIG = SynthConfig(
@@ -48,7 +48,7 @@ CONFIG = SynthConfig(
 LARGE_FACTOR, _LARGE_SAMPLES = 2560 / CONFIG.width, 8
 
 # Maximum blur radius of the rendered check, pixels.
-_MAX_RADIUS_PX = 10.0
+MAX_RADIUS_PX = 10.0
 
 # Light field: views along each side, and displacement of the outermost view, pixels of the nearest surface.
 _VIEWS, _MAX_PARALLAX_PX = 7, 12.0
@@ -166,7 +166,7 @@ def _trace(config: SynthConfig, index: int, large: bool) -> dict[str, np.ndarray
         return {"image": gain * scene.render(pinhole, size, False), "disparity": values.astype(np.float32)}
     disparity = ((inverse_depth - low) / (high - low)).astype(np.float32)
     focus = float(np.quantile(disparity, rng.choice([0.1, 0.5, 0.95])))
-    blur = _MAX_RADIUS_PX / float(np.abs(disparity - focus).max())
+    blur = MAX_RADIUS_PX / float(np.abs(disparity - focus).max())
     absolute_blur, scaled = blur / (high - low), low + focus * (high - low)
     lens = lens_for_view(absolute_blur, scaled, replace(config, nearest_distance=1.0))
     parallax = config.pixel_pitch / config.sensor_distance / high
