@@ -8,6 +8,8 @@ Source: "Efficient and expressive rendering for real-time defocus blur and bokeh
 separate visibility of each light; rays through layers and the refinement at edges are ours.
 """
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -72,6 +74,51 @@ def _test_visibility(
         if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + DISCONTINUITY_THRESHOLD:
             continue
         visibility[ORDER[lane]] += 1.0
+
+
+@njit(cache=True)
+def _bins_on_way(bins, bits, light, corner, shift):
+    """Return those of ``bits`` in which a ray from a tile can meet a surface in front of a light.
+
+    At the defocus s the rays of a tile pass the tile scaled by ``1 - s / d`` about the light at defocus d.
+
+    Args:
+        bins: See :func:`splat_psf_images`.
+        bits: Bins of all rays of the tile.
+        light: See :func:`_test_visibility`.
+        corner: First row and column of the tile.
+        shift: Maximum distance of the start of a ray from the centre of its pixel, pixels.
+    """
+    met = np.uint64(0)
+    rows, columns = bins.held.shape
+    away_x, away_y = corner[1] + 0.5 * (TILE - 1) - light[0], corner[0] + 0.5 * (TILE - 1) - light[1]
+    half = 0.5 * TILE + shift
+    for i in range(BINS - 1, -1, -1):
+        front = bins.low + (i + 1) * bins.thickness
+        if front <= light[2] + DISCONTINUITY_THRESHOLD:
+            break
+        bit = np.uint64(1) << np.uint64(i)
+        if not bits & bit:
+            continue
+        back = max(front - bins.thickness, light[2] + DISCONTINUITY_THRESHOLD)
+        begin, end = 1.0 - front / light[2], 1.0 - back / light[2]
+        margin = half * max(abs(begin), abs(end)) + 1.0  # 1: rounding to pixels
+        left = light[0] + min(begin * away_x, end * away_x) - margin
+        right = light[0] + max(begin * away_x, end * away_x) + margin
+        top = light[1] + min(begin * away_y, end * away_y) - margin
+        bottom = light[1] + max(begin * away_y, end * away_y) + margin
+        first_row, last_row = _tile_at(top, rows), _tile_at(bottom, rows)
+        first_column, last_column = _tile_at(left, columns), _tile_at(right, columns)
+        for row in range(first_row, last_row + 1):
+            for column in range(first_column, last_column + 1):
+                met |= bins.held[row, column] & bit
+    return met
+
+
+@njit(cache=True)
+def _tile_at(position, tiles):
+    """Return the tile at a position, pixels; beyond the border that of the border."""
+    return min(max(int(math.floor(position / TILE)), 0), tiles - 1)
 
 
 @njit(cache=True)
@@ -167,6 +214,11 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
     """
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
+    shifts = np.full(lights.shape[0], np.abs(_OFFSETS).max())
+    for i in prange(lights.shape[0]):
+        end = starts[i] + (boxes[i, 1] - boxes[i, 0]) * (boxes[i, 3] - boxes[i, 2])
+        for plane in range(3, psf_images.shape[1]):
+            shifts[i] += np.abs(psf_images[starts[i] : end, plane]).max()
     stride = fair_stride(bins.bits.shape[0])
     for number in prange(bins.bits.shape[0]):
         tile_row = np.int64(number) * stride % bins.bits.shape[0]
@@ -187,14 +239,12 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
                         lit = lit or (rays_mask[y, x] and psf_image[first + x, 0] > 0.0)
                 if not lit:
                     continue
-                count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
-                while (
-                    count > 0 and runs[count - 1, 0] <= lights[i, 2] + DISCONTINUITY_THRESHOLD
-                ):  # no surface in front
-                    count -= 1
+                corner = (tile_row * TILE, tile_column * TILE)
+                light = (lights[i, 0], lights[i, 1], lights[i, 2])
+                bits = _bins_on_way(bins, bins.bits[tile_row, tile_column], light, corner, shifts[i])
+                count = bin_runs(bits, bins.low, bins.thickness, runs)
                 if count > 0:
-                    corner = (tile_row * TILE, tile_column * TILE)
-                    light = (lights[i, 0], lights[i, 1], lights[i, 2])
+                    runs[count - 1, 1] = max(runs[count - 1, 1], light[2] + DISCONTINUITY_THRESHOLD)
                     _tile_visibility(
                         scene,
                         runs,

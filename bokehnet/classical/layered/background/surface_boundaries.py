@@ -34,6 +34,28 @@ def _continues(depths, y, x, down, right, nearest):
     return True
 
 
+@njit(cache=True)
+def _upper_median(values, count):
+    """Return the value at ``count // 2`` of the first ``count`` values in order; reorders them."""
+    low, high, middle = 0, count - 1, count // 2
+    while low < high:
+        pivot, i, j = values[middle], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if j < middle:
+            low = i
+        if i > middle:
+            high = j
+    return values[middle]
+
+
 @njit(cache=True, parallel=True)
 def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_depths, mixed):
     """Write the surface of the median of each pixel's window, (N,), or its own if both are one surface.
@@ -66,7 +88,7 @@ def _select_medians(ys, xs, defocus, distances, colors, depths, new_colors, new_
             or _continues(depths, y, x, spacing, -spacing, nearest)
         ):
             continue
-        median = np.sort(values[:count])[count // 2]
+        median = _upper_median(values, count)
         if are_one_surface(median, depths[y, x], spacing):
             continue
         total = depth = red = green = blue = 0.0

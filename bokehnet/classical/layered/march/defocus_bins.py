@@ -37,6 +37,9 @@ BINS = 64
 # soft disparity maps, errors occurred down to a half.
 STEEP = 0.25
 
+# Bins within reach are found for tiles enlarged until discs reach over no more of them than this.
+_MAX_REACH_TILES = 12
+
 # Surfaces of adjacent pixels are connected up to this difference; the factor covers float32 rounding.
 _RISER = 1.01 * DISCONTINUITY_THRESHOLD
 
@@ -107,30 +110,30 @@ def _tile_bins(cells, low, scale):
 
 
 @njit(cache=True, parallel=True)
-def _reached_bins(own, reaches, frame):
+def _reached_bins(own, side, reaches, frame):
     """Return the bits (2, rows, columns) of all bins with a surface within its blur's reach of each tile.
 
-    ``reaches``: reach of the rays by ring and bin, pixels, (rings, BINS). ``frame``: see
-    :func:`occupied_bins`.
+    ``side``: side of a tile, pixels. ``reaches``: reach of the rays by ring and bin, pixels, (rings, BINS).
+    ``frame``: see :func:`occupied_bins`.
     """
     rows, columns = own.shape[1:]
     rings, max_tiles = reaches.shape[0], max(rows, columns)
     tiles = np.empty(rings, np.int64)
     for ring in range(rings):
-        tiles[ring] = min(int(math.ceil(reaches[ring].max() / TILE)) + 1, max_tiles)
+        tiles[ring] = min(int(math.ceil(reaches[ring].max() / side)) + 1, max_tiles)
     widest = tiles.max()
     near = np.zeros((rings, (widest + 1) * (widest + 1) * 2), np.uint64)  # by squared distance in tiles
     for ring in range(rings):
         for square in range(near.shape[1]):
-            gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
+            gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * side
             for i in range(BINS):
                 if reaches[ring, i] + 1.0 >= gap:
                     near[ring, square] |= np.uint64(1) << np.uint64(i)
     reached = np.empty((2, rows, columns), np.uint64)
     for row in prange(rows):
         for column in range(columns):
-            away_x = (column + 0.5) * TILE - 0.5 - frame[0]
-            away_y = (row + 0.5) * TILE - 0.5 - frame[1]
+            away_x = (column + 0.5) * side - 0.5 - frame[0]
+            away_y = (row + 0.5) * side - 0.5 - frame[1]
             away = math.sqrt(away_x * away_x + away_y * away_y) * frame[2]
             ring = min(int(away * rings), rings - 1)
             reach = tiles[ring]
@@ -143,6 +146,14 @@ def _reached_bins(own, reaches, frame):
             reached[0, row, column] = bits
             reached[1, row, column] = layered
     return reached
+
+
+def _joined_tiles(sets: np.ndarray) -> np.ndarray:
+    """Return the bits of squares of 2x2 tiles, (2, rows, columns)."""
+    padded = np.pad(sets, ((0, 0), (0, sets.shape[1] % 2), (0, sets.shape[2] % 2)))
+    pairs = padded[:, ::2] | padded[:, 1::2]
+    joined: np.ndarray = pairs[:, :, ::2] | pairs[:, :, 1::2]
+    return np.ascontiguousarray(joined)
 
 
 def perfect_lens_reach(defocus: np.ndarray) -> np.ndarray:
@@ -172,7 +183,15 @@ def occupied_bins(
     reaches = np.maximum(ends[:, :-1], ends[:, 1:])
     with parallel_region:
         own = _tile_bins(cells, low, 1.0 / thickness)
-        bits, layered = _reached_bins(own, reaches, tuple(map(float, frame)))
+    sets, side = own[:2], TILE
+    while reaches.max() > _MAX_REACH_TILES * side:
+        sets, side = _joined_tiles(sets), 2 * side
+    with parallel_region:
+        reached = _reached_bins(sets, side, reaches, tuple(map(float, frame)))
+    if side > TILE:
+        rows, columns = own.shape[1:]
+        reached = np.repeat(np.repeat(reached, side // TILE, 1), side // TILE, 2)[:, :rows, :columns]
+    bits, layered = np.ascontiguousarray(reached)
     return DefocusBins(bits=bits, smooth=layered == 0, held=own[2], low=low, thickness=thickness)
 
 

@@ -71,3 +71,21 @@ def test_steep_surfaces_are_walked_over(slope, expected):
     depths = depths[..., None]
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
     assert (occupied_bins(layer_cells(layers)).smooth[:, 120 // TILE] == expected).all()
+
+
+def test_far_reaching_discs_find_no_fewer_bins(monkeypatch):
+    """Authority: the search over all single tiles within reach."""
+    rng = np.random.default_rng(0)
+    depths = rng.uniform(-5, 5, (330, 270, 1)).astype(np.float32)
+    depths[200:210, 100:120], depths[40:44, 220:224] = 150.0, -120.0
+    cells = layer_cells(Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=depths * 0 + 1))
+    found = occupied_bins(cells)
+    monkeypatch.setattr("bokehnet.classical.layered.march.defocus_bins._MAX_REACH_TILES", 1000)
+    expected = occupied_bins(cells)
+    assert not (expected.bits & ~found.bits).any()
+    assert not (found.smooth & ~expected.smooth).any()
+    more, all_bits = (
+        np.unpackbits(np.ascontiguousarray(bits).view(np.uint8)).sum()
+        for bits in (found.bits & ~expected.bits, found.bits)
+    )
+    assert 0 < more < 0.2 * all_bits
