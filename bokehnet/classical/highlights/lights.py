@@ -41,6 +41,9 @@ _MAX_LIGHT_FRACTION = 1 / 20
 # are powers of two, into which rows of few pixels divide evenly.
 _CELL_FRACTION, _MIN_FREE_CELL_PX = 1 / 16, 6.0
 
+# Lights are merged if their radii differ by at most this fraction, or by a depth discontinuity.
+_RADIUS_FRACTION = 1 / 32
+
 # Cells full of similar light are merged in squares of these numbers of cells. Light
 # counts as similar if the brightest is at most ``_MAX_LIGHT_RATIO`` times the darkest.
 _EVEN_CELLS, _MAX_LIGHT_RATIO = (2, 4), 3.0
@@ -141,8 +144,13 @@ def _group_lights(lights: np.ndarray) -> np.ndarray:
     A cell is a square of whole pixels, at most ``_CELL_FRACTION`` of the radius wide, or several cells where
     they are full of similar light.
     """
-    x, y, depth = lights[:, 0], lights[:, 1], np.round(lights[:, 2] / DISCONTINUITY_THRESHOLD)
-    cell = np.maximum(np.abs(depth) * DISCONTINUITY_THRESHOLD * _CELL_FRACTION, 1.0)
+    x, y, radius = lights[:, 0], lights[:, 1], np.abs(lights[:, 2])
+    even = DISCONTINUITY_THRESHOLD / _RADIUS_FRACTION  # up to this radius intervals have the same length
+    scaled = np.where(radius < even, radius / even, 1 + np.log(np.maximum(radius, even) / even))
+    interval = np.round(scaled / _RADIUS_FRACTION)
+    depth = np.sign(lights[:, 2]) * interval
+    scaled = interval * _RADIUS_FRACTION
+    cell = np.maximum(even * np.where(scaled < 1, scaled, np.exp(scaled - 1)) * _CELL_FRACTION, 1.0)
     cell = np.where(cell < _MIN_FREE_CELL_PX, 2.0 ** np.floor(np.log2(cell)), np.floor(cell))
     group = _cell_index(depth, x // cell, y // cell)
     brightness = lights[:, 3:6].max(axis=1)

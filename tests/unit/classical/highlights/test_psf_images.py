@@ -86,20 +86,21 @@ def lamps(kind, size=160):
 
 
 @pytest.mark.parametrize("kind", ["line", "window", "sparks"])
-@pytest.mark.parametrize("radius", [-20.0, 60.0])
-def test_merged_lights_look_like_single_ones(kind, radius):
+@pytest.mark.parametrize(("radius", "slope"), [(-20.0, 0.0), (60.0, 0.0), (60.0, 0.1)])
+def test_merged_lights_look_like_single_ones(kind, radius, slope):
     """Authority: all pixels drawn one by one. The steps of beads along rims would show in the differences."""
     image = lamps(kind)
+    radii = np.tile(radius + slope * np.arange(-80, 80, dtype=np.float32), (160, 1))
     layers = Layers(
         colors=image[:, :, None],
-        defocus=np.full((160, 160, 1), radius, np.float32),
+        defocus=radii[:, :, None],
         coverage=np.ones((160, 160, 1), np.float32),
     )
     rest, lights = separate_lights(layers)
     y, x = np.nonzero(image.max(-1))
     selected = (image - rest.colors[:, :, 0])[y, x]
     ones = np.ones(len(x))
-    single = np.column_stack([x, y, radius * ones, selected, ones, ones])
+    single = np.column_stack([x, y, radii[y, x], selected, ones, ones])
     assert_allclose(lights[:, 3:6].sum(0), selected.sum(0), rtol=1e-5)
     if abs(radius) * 2 / 16 >= 4:
         assert len(lights) < len(single)
