@@ -72,10 +72,18 @@ def _network_like(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return _blurred(_jagged(_coarse(bent, rng, factor=2), rng, reach=2.0), rng, sigma=0.7)
 
 
+def _wide(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the map with larger foregrounds and soft edges, as of networks and of matching in windows."""
+    return _blurred(_morphology(values, rng, sizes=(5,)), rng, sigma=1.5)
+
+
+def _with_noise(values: np.ndarray, rng: np.random.Generator, *, deviation: float) -> np.ndarray:
+    return np.asarray(values + deviation * rng.standard_normal(values.shape), np.float32)
+
+
 def _noisy(values: np.ndarray, rng: np.random.Generator, *, deviation: float) -> np.ndarray:
     """Return the map with smaller foregrounds and noise in each pixel, as of sensors."""
-    shrunk = _morphology(values, rng, sizes=(-5,))
-    return np.asarray(shrunk + deviation * rng.standard_normal(values.shape), np.float32)
+    return _with_noise(_morphology(values, rng, sizes=(-5,)), rng, deviation=deviation)
 
 
 FAULTS: Mapping[str, Fault] = {
@@ -88,5 +96,7 @@ FAULTS: Mapping[str, Fault] = {
     "jagged": partial(_jagged, reach=4.0),
     "moved": partial(_moved, offset=(-2, 3)),
     "network": _network_like,
+    "wide": _wide,
     "noisy": partial(_noisy, deviation=0.03),
+    "noise": partial(_with_noise, deviation=0.08),
 }

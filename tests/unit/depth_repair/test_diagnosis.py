@@ -120,6 +120,16 @@ def test_noisy_maps_are_restored(deviation, mode):
     assert_allclose(repaired.plan.noise * np.ptp(noisy), deviation, rtol=0.05)
 
 
+def test_heavy_noise_is_removed_and_noise_alone_stays():
+    """Authority: the map before noise of an eighth of its depths; a map that is nothing but noise."""
+    image, disparity = scene()
+    noisy = with_noise(disparity, 0.1)
+    repaired = DisparityRepair().repair(image, noisy, "auto").disparity
+    assert np.abs(repaired - disparity).mean() < 0.4 * np.abs(noisy - disparity).mean()
+    alone = with_noise(np.zeros_like(disparity), 1.0)
+    assert_array_equal(DisparityRepair().repair(image, alone, "auto").disparity, alone)
+
+
 def test_the_plan_of_a_shot_contains_the_noise():
     image, disparity = scene()
     noisy = with_noise(disparity, 0.01)
