@@ -31,7 +31,7 @@ from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reac
 from bokehnet.classical.layered.march.defocus_bins import TILE, DefocusBins, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
-from bokehnet.classical.layered.march.resolution_levels import levels_halo, march_levels
+from bokehnet.classical.layered.march.resolution_levels import levels_halo, make_levels, march_levels
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter_beyond, scatter_inside
@@ -353,8 +353,10 @@ def _render_layers(
     report(1, 1)
     rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
-    has_levels = job.layers is None and pupil_rays.lens is None and job.device.march is None
-    del stack
+    levels = None
+    if job.layers is None and pupil_rays.lens is None and job.device.march is None:
+        levels = make_levels(rest, cells)
+    del stack, rest  # their coverage and defocus are in the cells
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
@@ -369,11 +371,11 @@ def _render_layers(
     def report_rays(fraction: float) -> None:
         report(2, fraction)
 
-    if has_levels:
-        march_levels(rays_job, rest, result, disocclusion_weight, report_rays)
+    if levels is not None:
+        march_levels(rays_job, levels, result, disocclusion_weight, report_rays)
     else:
         march(rays_job, result, disocclusion_weight, progress=report_rays, send=job.device.march)
-    del rest
+    del levels
     if bundled is not None:
         with parallel_region:
             _blend(bundled, near, rays_job.rays_mask, result)

@@ -52,7 +52,7 @@ def test_ci_runs_the_two_set_up_commands():
     assert ["pip", "install", "-c", "constraints.txt", ".[dev]", "&&", "pytest", "-n", "2"] in COMMANDS
     assert 'pip" wheel -q --no-deps -w "$work/wheel" .' in script
     assert 'install -q -c constraints.txt "$wheel[dev]"' in script
-    assert 'pytest" --all -n 3' in script
+    assert 'pytest" --all -n 2' in script
     assert 'install -q "$wheel"' in script
 
 

@@ -31,7 +31,15 @@ from bokehnet.classical.layered.march.ray_marching import RaysJob, march
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["MAX_LEVELS", "MIN_RADIUS_PX", "layers_halo", "levels_halo", "march_levels"]
+__all__ = [
+    "MAX_LEVELS",
+    "MIN_RADIUS_PX",
+    "LayerLevels",
+    "layers_halo",
+    "levels_halo",
+    "make_levels",
+    "march_levels",
+]
 
 # Smallest blur radius of any surface in reach, in pixels of a level, for which the level is used. A disc of
 # radius r passes at most 2 J1(pi r) / (pi r) <= 1.6 / (pi r)^1.5 of the detail at the pixel frequency of the
@@ -189,24 +197,49 @@ def _join(blocks, grid, mask, half, half_weight, result, disocclusion_weight):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LayerLevels:
+    """Layers of half the size, a quarter and so on, as many as a picture can use.
+
+    Attributes:
+        weights: Weight of each level over the previous one in each block, (rows, columns) float32.
+        layers: Layers of each level.
+    """
+
+    weights: list[np.ndarray]
+    layers: list[Layers]
+
+
+def make_levels(layers: Layers, cells: np.ndarray) -> LayerLevels:
+    """Return the smaller layers in which rays march where everything is blurred.
+
+    Args:
+        layers: Layers of the full size. Only the first may be translucent.
+        cells: Their cells, see :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
+    """
+    weights, smaller = _level_blocks(cells), []
+    for _ in weights:
+        layers = half_layers(layers)
+        smaller.append(layers)
+    return LayerLevels(weights=weights, layers=smaller)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Level:
     """Rays at one size of the picture.
 
     Attributes:
         job: Rays of this size.
-        layers: Layers of this size.
-        weights: Weights of each next level, from :func:`_level_blocks`.
+        smaller: Smaller layers, and their weights.
         grid: See :func:`_weight_at`.
     """
 
     job: RaysJob
-    layers: Layers
-    weights: list[np.ndarray]
+    smaller: LayerLevels
     grid: tuple[float, float]
 
     def next(self, mask: np.ndarray) -> "_Level":
         """Return the level of half the size, with ``mask`` (h, w) as the pixels to render."""
-        layers = half_layers(self.layers)
+        layers = self.smaller.layers[0]
         cells = layer_cells(layers)
         viewport = self.job.viewport or Viewport.whole(*self.job.rays_mask.shape)
         job = replace(
@@ -226,12 +259,13 @@ class _Level:
         )
         per_pixel, first = self.grid
         grid = (2 * per_pixel, first - 1.5 * per_pixel)  # the centre of (y, x) is at 2 y - 1.5
-        return _Level(job=job, layers=layers, weights=self.weights[1:], grid=grid)
+        smaller = LayerLevels(weights=self.smaller.weights[1:], layers=self.smaller.layers[1:])
+        return _Level(job=job, smaller=smaller, grid=grid)
 
 
 def march_levels(
     job: RaysJob,
-    layers: Layers,
+    smaller: LayerLevels,
     result: np.ndarray,
     disocclusion_weight: np.ndarray,
     progress: Callable[[float], None] | None = None,
@@ -240,14 +274,13 @@ def march_levels(
 
     Args:
         job: Layers, rays and a perfect lens.
-        layers: Layers of ``job.cells``. Only the first may be translucent.
+        smaller: From :func:`make_levels`, of the same layers.
         result: See :func:`bokehnet.classical.layered.march.ray_marching.march`.
         disocclusion_weight: See there.
         progress: See there.
     """
     grid = (1 / _BLOCK_PX, 0.5 / _BLOCK_PX - 0.5)
-    level = _Level(job=job, layers=layers, weights=_level_blocks(job.cells), grid=grid)
-    _march_level(level, result, disocclusion_weight, progress)
+    _march_level(_Level(job=job, smaller=smaller, grid=grid), result, disocclusion_weight, progress)
 
 
 def _march_level(
@@ -258,7 +291,7 @@ def _march_level(
 ) -> None:
     """March the rays of a level, and of the smaller ones where those suffice."""
     mask = level.job.rays_mask
-    if not level.weights:
+    if not level.smaller.weights:
         march(level.job, result, disocclusion_weight, progress=progress)
         return
     own, other = np.empty_like(mask), np.empty_like(mask)
@@ -266,7 +299,7 @@ def _march_level(
     half_colors = np.zeros((*half_mask.shape, 3), np.float32)
     half_weight = np.zeros(half_mask.shape, np.float32)
     with parallel_region:
-        _divide(mask, level.weights[0], level.grid, own, other)
+        _divide(mask, level.smaller.weights[0], level.grid, own, other)
         _halve(other, result, half_mask, half_colors)
     has_other = bool(half_mask.any())
     if has_other:
@@ -274,4 +307,12 @@ def _march_level(
     march(replace(level.job, rays_mask=own), result, disocclusion_weight, progress=progress)
     if has_other:
         with parallel_region:
-            _join(level.weights[0], level.grid, other, half_colors, half_weight, result, disocclusion_weight)
+            _join(
+                level.smaller.weights[0],
+                level.grid,
+                other,
+                half_colors,
+                half_weight,
+                result,
+                disocclusion_weight,
+            )
