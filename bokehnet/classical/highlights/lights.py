@@ -145,12 +145,12 @@ def _group_lights(lights: np.ndarray) -> np.ndarray:
     they are full of similar light.
     """
     x, y, radius = lights[:, 0], lights[:, 1], np.abs(lights[:, 2])
-    even = DISCONTINUITY_THRESHOLD / _RADIUS_FRACTION  # up to this radius intervals have the same length
-    scaled = np.where(radius < even, radius / even, 1 + np.log(np.maximum(radius, even) / even))
+    limit = DISCONTINUITY_THRESHOLD / _RADIUS_FRACTION  # up to this radius intervals have the same length
+    scaled = np.where(radius < limit, radius / limit, 1 + np.log(np.maximum(radius, limit) / limit))
     interval = np.round(scaled / _RADIUS_FRACTION)
     depth = np.sign(lights[:, 2]) * interval
     scaled = interval * _RADIUS_FRACTION
-    cell = np.maximum(even * np.where(scaled < 1, scaled, np.exp(scaled - 1)) * _CELL_FRACTION, 1.0)
+    cell = np.maximum(limit * np.where(scaled < 1, scaled, np.exp(scaled - 1)) * _CELL_FRACTION, 1.0)
     cell = np.where(cell < _MIN_FREE_CELL_PX, 2.0 ** np.floor(np.log2(cell)), np.floor(cell))
     group = _cell_index(depth, x // cell, y // cell)
     brightness = lights[:, 3:6].max(axis=1)
