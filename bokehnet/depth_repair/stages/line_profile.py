@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 
+from bokehnet.depth_repair.config import BLOCK_PX
 from bokehnet.kernels import njit
 
 __all__ = [
-    "CONTRAST_RADIUS_PX",
     "STEP_PX",
     "color_difference_at",
     "half_width",
@@ -28,8 +28,8 @@ __all__ = [
 # Length of a step along a line, pixels.
 STEP_PX = 1.5
 
-# Maximum distances from the centre line, pixels, for its contrast to both sides and for its own edge.
-CONTRAST_RADIUS_PX, MAX_HALF_WIDTH_PX = 6, 4
+# Relative decrease of the weight of a colour change per pixel of its distance from the centre line.
+_WEIGHT_DECREASE = 0.08
 
 
 @njit(cache=True)
@@ -73,11 +73,11 @@ def color_difference_at(picture, y, x, v, u):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def line_contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
-    """Return the largest squared difference from the centre line on the side with less contrast."""
+    """Return the largest squared difference within 8 pixels, on the side with less contrast."""
     contrast = np.inf
     for side in range(-1, 2, 2):
         largest = 0.0
-        for distance in range(2, CONTRAST_RADIUS_PX + 1):
+        for distance in range(2, BLOCK_PX + 1):
             v, u = y + side * distance * right, x - side * distance * down
             largest = max(largest, color_difference_at(picture, y, x, v, u))
         contrast = min(contrast, largest)
@@ -94,8 +94,8 @@ def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # 
     uses_start = math.isnan(reference[0, 0])
     start = np.empty((3, 3))
     least_change, best_angle = np.inf, angle
-    for way in range(-max_turns, max_turns + 1):
-        candidate = angle + way * turn
+    for number in range(2 * max_turns + 1):  # straight on first, then by size
+        candidate = angle + turn * ((number + 1) // 2) * (1 if number % 2 else -1)
         down, right = math.sin(candidate), math.cos(candidate)
         if uses_start:
             sample_profile(picture, y, x, down, right, start)
@@ -104,7 +104,6 @@ def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # 
             distance = step * STEP_PX
             sample_profile(picture, y + distance * down, x + distance * right, down, right, profile)
             change += profile_difference(profile, start if uses_start else reference) / ahead
-        change += 1e-4 * way * way
         if change < least_change:
             least_change, best_angle = change, candidate
     return best_angle, least_change
@@ -113,7 +112,7 @@ def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # 
 @njit(cache=True)
 def tangent(points, count, i):  # type: ignore[no-untyped-def]
     """Return the unit tangent (down, right) of a line at one of its points."""
-    first, last = max(0, i - 3), min(count - 1, i + 3)
+    first, last = max(0, i - BLOCK_PX // 2), min(count - 1, i + BLOCK_PX // 2)
     down, right = points[last, 0] - points[first, 0], points[last, 1] - points[first, 1]
     length = math.sqrt(down * down + right * right)
     if length == 0.0:
@@ -125,19 +124,19 @@ def tangent(points, count, i):  # type: ignore[no-untyped-def]
 def half_width(picture, y, x, down, right, side):  # type: ignore[no-untyped-def]
     """Return the half width of a line on one side: distance of the largest colour change, pixels.
 
-    The weight of a change decreases with its distance from the centre line.
+    It is less than 4 pixels. The weight of a change decreases with its distance from the centre line.
     """
-    least_change, best_angle = 0.0, 1.0
-    for k in range(1, 2 * MAX_HALF_WIDTH_PX):
+    largest_change, best_distance = 0.0, 1.0
+    for k in range(1, BLOCK_PX):
         distance = 0.5 * k
-        inner, outer = side * (distance - 0.75), side * (distance + 0.75)
+        inner, outer = side * (distance - STEP_PX / 2), side * (distance + STEP_PX / 2)
         change = color_difference_at(
             picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down
         )
-        change *= 1.0 - 0.08 * distance
-        if change > least_change:
-            least_change, best_angle = change, distance
-    return best_angle
+        change *= 1.0 - _WEIGHT_DECREASE * distance
+        if change > largest_change:
+            largest_change, best_distance = change, distance
+    return best_distance
 
 
 @njit(cache=True)

@@ -141,7 +141,7 @@ def test_restored_lines_relax_the_criteria_for_shaded_lines():
     """The colours of half of the net vary in shade."""
     picture, truth, worn = net()
     y, x = np.mgrid[:SIZE, :SIZE]
-    shade = np.where(x > SIZE // 2, 0.75 + 0.25 * np.sin((x + y) / 3), 1)
+    shade = np.where(x > SIZE // 2, 0.85 + 0.15 * np.sin((x + y) / 3), 1)
     wires = truth == np.float32(NEAR)
     picture[wires] *= shade[wires][:, None].astype(np.float32)
     lost = (worn != truth) & (x > SIZE // 2 + 8) & (x < SIZE - 12) & (y > 12) & (y < SIZE - 12)
