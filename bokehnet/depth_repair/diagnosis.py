@@ -9,28 +9,28 @@ between both sides of their edge; the agreement is that of the edge profile
 In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: a :class:`Diagnosis`.
 """
 
-import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.edge_profile import sample_edges
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
 from bokehnet.depth_repair.stages.thin_growth import thin_fraction
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
-# Minimum side of a map whose noise is estimated, pixels, and approximate maximum number of details used.
-_MIN_SIDE_PX, _MAX_DETAILS = 32, 2**18
+# Minimum side of a map whose noise is estimated, pixels.
+_MIN_SIDE_PX = 32
 
 # Median and lower quartile of the absolute value of standard normal deviates.
-_NORMAL_MEDIAN, _NORMAL_QUARTILE = 0.6745, 0.3186
+_NORMAL_MEDIAN, _NORMAL_QUARTILE = (NormalDist().inv_cdf((1 + rank) / 2) for rank in (1 / 2, 1 / 4))
 
 # Errors that pixels share: side of the blocks whose means are compared, pixels; standard deviation of the
 # errors over that of the means, for errors shared by 5 pixels; and least deviation that counts as noise, as a
 # fraction of the range. Accurate maps by plane sweep have up to 0.0053 of detail, maps of networks 0.0002.
-_BLOCK_PX, _SHARED_FACTOR, _MIN_SHARED_NOISE = 4, 1.8, 0.008
+_DETAIL_BLOCK_PX, _SHARED_FACTOR, _MIN_SHARED_NOISE = BLOCK_PX // 2, 1.8, 0.008
 
 # Maximum number of edge pixels in the profiles of the whole map, and their scales: edges of coarse maps are
 # scattered around those of the picture.
@@ -88,19 +88,19 @@ def noise_level(disparity: np.ndarray) -> float:
     if span == 0 or min(disparity.shape) < _MIN_SIDE_PX:
         return 0.0
     of_pixels = float(np.median(_details(disparity))) / (2 * _NORMAL_MEDIAN * span)
-    rows, columns = (side // _BLOCK_PX for side in disparity.shape)
-    blocks = disparity[: rows * _BLOCK_PX, : columns * _BLOCK_PX].reshape(rows, _BLOCK_PX, columns, _BLOCK_PX)
+    size = _DETAIL_BLOCK_PX
+    rows, columns = (side // size for side in disparity.shape)
+    blocks = disparity[: rows * size, : columns * size].reshape(rows, size, columns, size)
     quartile = float(np.quantile(_details(blocks.mean((1, 3))), 0.25))
     shared = _SHARED_FACTOR * quartile / (2 * _NORMAL_QUARTILE * span)
     return max(of_pixels, shared) if shared > _MIN_SHARED_NOISE else of_pixels
 
 
 def _details(values: np.ndarray) -> np.ndarray:
-    """Return the absolute diagonal Haar details of an array, at most about ``_MAX_DETAILS`` of them."""
+    """Return the absolute diagonal Haar details of an array."""
     height, width = (side // 2 for side in values.shape)
-    stride = 2 * math.ceil(math.sqrt(height * width / _MAX_DETAILS))
     top_left, top_right, bottom_left, bottom_right = (
-        values[y : 2 * height : stride, x : 2 * width : stride] for y in (0, 1) for x in (0, 1)
+        values[y : 2 * height : 2, x : 2 * width : 2] for y in (0, 1) for x in (0, 1)
     )
     return np.abs(top_left - top_right - bottom_left + bottom_right)
 

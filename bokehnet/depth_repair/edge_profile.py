@@ -19,7 +19,7 @@ from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
 from bokehnet.optics.encoding import encode
 from bokehnet.optics.pixels.resampling import bilinear
 
-__all__ = ["DISTANCES_PX", "EdgeProfile", "EdgeSamples", "sample_edges"]
+__all__ = ["DISTANCES_PX", "STANDARD_ERRORS", "EdgeProfile", "EdgeSamples", "sample_edges"]
 
 # Largest distance of a peak from the depth edge, and spacing of the samples, pixels.
 _MAX_DISTANCE_PX, _SPACING_PX = 9.0, 0.5
@@ -27,21 +27,24 @@ _MAX_DISTANCE_PX, _SPACING_PX = 9.0, 0.5
 # Distances from a depth edge at which the agreement is known, pixels; positive towards the near side.
 DISTANCES_PX = np.arange(-_MAX_DISTANCE_PX, _MAX_DISTANCE_PX + _SPACING_PX / 2, _SPACING_PX)
 
-# Half width of a peak, and distances from it between which each of its two sides is measured, pixels, at
-# scale 1. At scale n, the half width grows by n - 1 pixels, and the sides lie n times as far.
-_PEAK_PX, _SIDES_PX = 0.5, (1.5, 3.5)
+# Distances from a peak between which each of its two sides is measured, pixels, at scale 1. The peak is a
+# sample with its neighbours. At scale n, its half width grows by n - 1 pixels, and the sides lie n times as
+# far.
+_SIDES_PX = (1.5, 3.5)
 
-# Half length of the difference that measures the gradient, pixels; a multiple of the spacing.
-_HALF_DIFFERENCE_PX = 1.0
+# Half length of the difference that measures the gradient, pixels.
+_HALF_DIFFERENCE_PX = 2 * _SPACING_PX
 
 # Gradient per pixel, encoded light, that is added to the mean of each edge so that noise weighs little.
 _MIN_GRADIENT = 0.005
 
-# Binomial filter of the map before its slope is measured, and the slope per pixel of a filtered step of 1.
-_SMOOTHING, _SLOPE_OF_STEP = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16), 5 / 16
+# Order of the binomial filter of the map before its slope is measured, even; and the slope per pixel of a
+# filtered step of 1: its central difference is one more binomial filter.
+_SMOOTHING_ORDER = 4
+_SLOPE_OF_STEP = math.comb(_SMOOTHING_ORDER + 1, _SMOOTHING_ORDER // 2) / 2 ** (_SMOOTHING_ORDER + 1)
 
 # Number of groups of edge pixels for the standard error, and number of standard errors subtracted.
-_GROUPS, _STANDARD_ERRORS = 16, 2.0
+_GROUPS, STANDARD_ERRORS = 16, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -115,7 +118,7 @@ class EdgeSamples:
         height, error = self.agreement(float(DISTANCES_PX[peak]))
         return EdgeProfile(
             offset=float(DISTANCES_PX[peak] + _SPACING_PX * _vertex(lower, peak)),
-            certainty=height - _STANDARD_ERRORS * error,
+            certainty=height - STANDARD_ERRORS * error,
         )
 
 
@@ -178,7 +181,7 @@ def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray, reach
 def _heights(gradients: np.ndarray, scale: int) -> np.ndarray:
     """Return the heights of gradients (samples, N) above both sides, (2, distances, N)."""
     first, last = (round(scale * distance / _SPACING_PX) for distance in _SIDES_PX)
-    width = round((_PEAK_PX + scale - 1) / _SPACING_PX)
+    width = 1 + round((scale - 1) / _SPACING_PX)
     sums = np.concatenate([np.zeros_like(gradients[:1]), gradients.cumsum(0)])
     places = len(gradients) - 2 * last
 
@@ -201,10 +204,9 @@ def _vertex(values: np.ndarray, at: int) -> float:
 
 def _smooth(values: np.ndarray) -> np.ndarray:
     """Smooth each column of a map (H, W) with the border repeated."""
-    padded = np.pad(values, ((len(_SMOOTHING) // 2,) * 2, (0, 0)), "edge")
-    smooth = np.zeros_like(values)
-    for row, weight in enumerate(_SMOOTHING):
-        smooth += weight * padded[row : row + len(values)]
+    smooth = np.pad(values, ((_SMOOTHING_ORDER // 2,) * 2, (0, 0)), "edge")
+    for _ in range(_SMOOTHING_ORDER):
+        smooth = (smooth[1:] + smooth[:-1]) / 2
     return smooth
 
 

@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice, check_finite, check_map
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.filters import local_extremes
 
 __all__ = ["mixed_pixel_fraction", "repair_mixed"]
 
 # Minimum difference of both surfaces, as a fraction of the range of the map.
 _MIN_EDGE = 0.01
-
-# Minimum difference for the mixed fraction of a map, likewise; smaller differences may be slopes.
-_MIN_CLEAR_EDGE = 0.05
 
 # Maximum width of a ramp, pixels: pixel filters are up to four pixels wide.
 _MAX_RAMP_PX = 3
@@ -82,7 +81,7 @@ def mixed_pixel_fraction(disparity: NDArray[np.float32], *, filtered: str = "dis
     """
     rows, columns, mixed, _ = _detect(disparity, filtered)
     ranges = _span(np.asarray(disparity, np.float64))[rows, columns]
-    clear = ranges > _MIN_CLEAR_EDGE * float(np.ptp(disparity))
+    clear = ranges > MIN_EDGE_HEIGHT * float(np.ptp(disparity))
     return float(mixed[clear].mean()) if clear.any() else 0.0
 
 
@@ -111,12 +110,7 @@ def _detect(
 
 def _span(values: NDArray[Any]) -> NDArray[Any]:
     """Return the range of values in the 3x3 window of each pixel."""
-    low = high = values
-    for axis in (0, 1):
-        padded = np.pad(low, [(int(a == axis), int(a == axis)) for a in (0, 1)], "edge")
-        low = np.min(np.lib.stride_tricks.sliding_window_view(padded, 3, axis), axis=-1)
-        padded = np.pad(high, [(int(a == axis), int(a == axis)) for a in (0, 1)], "edge")
-        high = np.max(np.lib.stride_tricks.sliding_window_view(padded, 3, axis), axis=-1)
+    low, high = local_extremes(values, 1)
     return high - low
 
 
