@@ -19,7 +19,6 @@ from bokehnet.depth_repair.stages.sharpen import (
     MIN_DISTANCE_FROM_EXTREMES,
     RADII_PX,
     SLOPE_STRIDE_PX,
-    SOFT_DILATION_PX,
     SOFT_RADIUS_PX,
     repair_soft_edges,
     soft_mask,
@@ -142,7 +141,7 @@ def build_repair() -> onnx.ModelProto:
 
     def repaired() -> Value:
         values = _sharp(g, disparity, on_slope, min_height)
-        near = local_extremes(g, is_soft.astype(np.float32), SOFT_DILATION_PX)[1] > 0
+        near = local_extremes(g, is_soft.astype(np.float32), SOFT_RADIUS_PX)[1] > 0
         places = g.op("NonZero", near.reshape(-1), dtype=np.int64).reshape(-1)
         colors = encode(image)
         for radius, sigma in MEDIAN_PASSES:

@@ -27,6 +27,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = [
+    "MEDIAN_HALO_PX",
     "MEDIAN_PASSES",
     "BlurEstimate",
     "blur_map",
@@ -35,8 +36,10 @@ __all__ = [
     "snap_soft_edges",
 ]
 
-# Candidates for the standard deviation of the blur, pixels; the smallest one means that the map is not soft.
-_SIGMAS_PX = tuple(1.25**i for i in range(1, 9))
+# Candidates for the standard deviation of the blur, pixels, and the ratio of each and the one before; the
+# smallest one means that the map is not soft.
+_SIGMA_RATIO = 1.25
+_SIGMAS_PX = tuple(_SIGMA_RATIO**i for i in range(1, 9))
 
 # Approximate number of pixels at which the blur is estimated.
 _BLUR_SAMPLES = 4096
@@ -44,14 +47,11 @@ _BLUR_SAMPLES = 4096
 # Radius of the Gaussian, in standard deviations.
 _GAUSSIAN_RADIUS = 3.5
 
-# Half width of a window in standard deviations of the blur, and its lower bound in pixels.
-_WINDOW_RADIUS, _MIN_WINDOW_RADIUS_PX = 1.7, 3
+# Half width of a window, in standard deviations of the blur.
+_WINDOW_RADIUS = 2.0
 
 # Regularisation of the guided filter: variance of encoded colours that is regarded as noise.
 _COLOR_VARIANCE = 1e-4
-
-# Minimum residual that indicates missing detail, as a fraction of the range of the map.
-_MIN_RESIDUAL = 0.05
 
 # Number of van Cittert iterations.
 _ITERATIONS = 2
@@ -59,6 +59,9 @@ _ITERATIONS = 2
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
 # Euclidean distance of three channels.
 MEDIAN_PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
+
+# Distance up to which the weighted medians depend on a pixel, pixels.
+MEDIAN_HALO_PX = sum(radius for radius, _ in MEDIAN_PASSES)
 
 
 @njit(cache=True, parallel=True)
@@ -156,7 +159,7 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
         return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
     before, minimum, after = mean_roots[best - 1 : best + 2]
     vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
-    return BlurEstimate(_SIGMAS_PX[best] * 1.25**vertex, minimum)
+    return BlurEstimate(_SIGMAS_PX[best] * _SIGMA_RATIO**vertex, minimum)
 
 
 @njit(cache=True)
@@ -268,13 +271,13 @@ def restore_blurred_detail(
     soft = blur_map(sharp, sigma)
     low = min(float(original.min()), float(repaired.min()))
     high = max(float(original.max()), float(repaired.max()))
-    radius = max(_MIN_WINDOW_RADIUS_PX, round(_WINDOW_RADIUS * sigma))
+    radius = round(_WINDOW_RADIUS * sigma)
     result, mask = repaired.copy(), np.empty(original.shape, bool)
     for _ in range(_ITERATIONS):
         residual = original - blur_map(result, sigma)
         fitted = np.zeros((*original.shape, 4), np.float32)
         with parallel_region:
-            _mark_residuals(residual, _MIN_RESIDUAL * (high - low), radius, mask)
+            _mark_residuals(residual, MIN_EDGE_HEIGHT * (high - low), radius, mask)
             _fit(residual, soft, mask, radius, _COLOR_VARIANCE, fitted)
             _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)

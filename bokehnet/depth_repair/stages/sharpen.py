@@ -19,7 +19,6 @@ __all__ = [
     "MIN_DISTANCE_FROM_EXTREMES",
     "RADII_PX",
     "SLOPE_STRIDE_PX",
-    "SOFT_DILATION_PX",
     "SOFT_RADIUS_PX",
     "repair_soft_edges",
     "slope_mask",
@@ -29,11 +28,8 @@ __all__ = [
 ]
 
 # Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height, and half
-# width of the window, pixels.
+# width, pixels, of the window and of the surroundings in which the position of an edge is uncertain.
 MIN_DISTANCE_FROM_EXTREMES, SOFT_RADIUS_PX = 0.2, 2
-
-# Half width of the surroundings of soft pixels in which the position of an edge is uncertain, pixels.
-SOFT_DILATION_PX = 2
 
 # Half widths of the windows in each pass, pixels; together they sharpen ramps of ten pixels.
 RADII_PX = (3, 2)
@@ -100,7 +96,7 @@ def soft_mask(disparity: np.ndarray, span: float) -> np.ndarray:
         disparity: Map, (H, W), any unit.
         span: Range of values that defines the minimum edge height.
     """
-    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), SOFT_DILATION_PX)[1]
+    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), SOFT_RADIUS_PX)[1]
 
 
 def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:

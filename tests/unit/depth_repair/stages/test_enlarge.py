@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.depth_repair.stages.enlarge import align_edges
+from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 
 
 def scene(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -16,25 +16,42 @@ def scene(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return image.astype(np.float32), np.where(near, 0.9, 0.2).astype(np.float32)
 
 
+def aligned(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+    """Return a map whose soft edges are aligned, without changes from a smaller size."""
+    small = disparity[::2, ::2]
+    return enlarge_changes(image, disparity, small, 0 * small, None, sharpen=True)
+
+
 @pytest.mark.parametrize("off", [-2, -1, 0, 1, 2])
 def test_an_edge_at_most_two_pixels_off_moves_to_the_edge_of_the_picture(off):
     """Authority: the edge in the synthetic picture; it is slanted and crosses blocks of rows."""
     columns = 20 + np.arange(1100) // 100
     image, truth = scene(columns)
     _, shifted = scene(columns + off)
-    aligned = align_edges(image, shifted, 0.05)
-    assert np.mean(aligned[4:-4] != truth[4:-4]) < 0.001
+    assert np.mean(aligned(image, shifted)[4:-4] != truth[4:-4]) < 0.001
 
 
 def test_distant_and_low_edges_do_not_move():
     image, _ = scene(np.full(40, 20))
-    _, far_off = scene(np.full(40, 30))
-    assert np.array_equal(align_edges(image, far_off, 0.05), far_off)
+    _, far_off = scene(np.full(40, 36))
+    assert np.array_equal(aligned(image, far_off), far_off)
     _, near_by = scene(np.full(40, 21))
-    assert np.array_equal(align_edges(image, near_by, 0.8), near_by)
+    low = np.where(np.arange(48) < 40, 0.05 * near_by, np.float32(1))
+    assert np.array_equal(aligned(image, low)[:, :36], low[:, :36])
 
 
 def test_a_picture_without_edges_moves_no_edge():
     _, disparity = scene(np.full(40, 20))
     grey = np.full((40, 48, 3), 0.4, np.float32)
-    assert np.array_equal(align_edges(grey, disparity, 0.05), disparity)
+    assert np.array_equal(aligned(grey, disparity), disparity)
+
+
+def test_a_change_of_the_small_map_is_applied_only_where_it_is_allowed():
+    """Authority: the true map on the left, and the map before the repair on the right."""
+    image, truth = scene(np.full(40, 20))
+    _, wrong = scene(np.full(40, 28))
+    allowed = np.arange(40)[:, None] < np.full(48, 20)
+    small, change = truth[::2, ::2], (truth - wrong)[::2, ::2]
+    result = enlarge_changes(image, wrong, small, change, allowed, sharpen=False)
+    assert np.array_equal(result[:20], truth[:20])
+    assert np.array_equal(result[20:], wrong[20:])
