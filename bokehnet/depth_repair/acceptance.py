@@ -24,8 +24,8 @@ __all__ = ["accepted_blocks", "changed_pixels"]
 # Distance from a changed pixel within which an edge counts, pixels.
 _NEAR_PX = 2
 
-# Minimum and maximum agreement of a single edge pixel: a few strong edges must not outweigh all others.
-_AGREEMENT_RANGE = (-1.0, 3.0)
+# Maximum absolute agreement of a single edge pixel: a few strong edges must not outweigh all others.
+_MAX_AGREEMENT = 2.0
 
 
 def changed_pixels(old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -50,10 +50,9 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
     (old_counts, old_sums), (new_counts, new_sums) = (
         _block_sums(image, values, near) for values in (old, new)
     )
-    prior, prior_of_map = config.agreement_priors
-    radius = config.agreement_window_blocks
+    prior, radius = config.agreement_prior, config.agreement_window_blocks
     edges = np.maximum(_window_sums(old_counts, radius), _window_sums(new_counts, radius))
-    edges_of_map = max(old_counts.sum(), new_counts.sum()) + prior_of_map
+    edges_of_map = max(old_counts.sum(), new_counts.sum()) + prior
     sums = new_sums - old_sums
     gains = (_window_sums(sums, radius) + prior * sums.sum() / edges_of_map) / (edges + prior)
     accepted: np.ndarray = gains > config.min_gain
@@ -63,7 +62,7 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
 def _block_sums(image: np.ndarray, disparity: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the number of edge pixels in a mask and the sum of their agreement, both (H / 8, W / 8)."""
     edges = sample_edges(image, disparity, mask=mask)
-    agreement = np.clip(edges.heights[:, len(DISTANCES_PX) // 2].min(0), *_AGREEMENT_RANGE)
+    agreement = edges.heights[:, len(DISTANCES_PX) // 2].min(0).clip(-_MAX_AGREEMENT, _MAX_AGREEMENT)
     rows, columns = (edges.places / BLOCK_PX).astype(np.intp)
     counts, sums = np.zeros((2, *(-(-side // BLOCK_PX) for side in disparity.shape)))
     np.add.at(counts, (rows, columns), 1)

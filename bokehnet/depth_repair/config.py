@@ -6,7 +6,7 @@ the comments are theirs unless another source is named. Lengths are pixels of th
 
 from dataclasses import dataclass
 
-__all__ = ["BLOCK_PX", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
+__all__ = ["BLOCK_PX", "COLOR_SIGMA", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
 
 # Stages that can be switched off, in the order of their work.
 STAGES = (
@@ -21,6 +21,9 @@ STAGES = (
 
 # Side of the blocks in which changes are accepted, pixels.
 BLOCK_PX = 8
+
+# Difference of encoded colours, Euclidean over three channels, up to which they are similar.
+COLOR_SIGMA = 0.06
 
 # Minimum height of a depth edge, as a fraction of the range of the map.
 MIN_EDGE_HEIGHT = 0.05
@@ -37,31 +40,25 @@ class RepairConfig:
             mismatches of a failed plane sweep 0.078.
         min_softness: Fraction of soft edges from which the edges of a map are sharpened and follow colour
             edges. Sharp maps of hair have up to 0.17.
-        max_thin_fraction: Fraction of thin structures below which they are grown, because the map may have
-            lost them: 0.000 in opened and eroded maps, 0.006 and more in maps of stereo and in blurred maps,
-            0.043 and more in exact maps of scenes with thin structures.
         base_side_px: Maximum side of the size at which map and picture are compared and the stages propose.
         max_shift_px: Upper bound of translation and growth.
         min_certainty: Minimum certainty of the edge profile of a map for any change. Profiles of random maps
             reach 0.01, those of interpolated lidar points 0.21, those of faulty maps 0.3 and more.
-        min_shift_gain: Minimum gain of certainty by a translation or growth, as a fraction of the certainty
-            after it.
         agreement_window_blocks: Half width of the window in which the agreement of both maps with the picture
             is compared, blocks of 8 pixels.
-        agreement_priors: Pseudo-counts of edge pixels: with the agreement of the whole map in each window,
-            and without agreement in the whole map. With 50 instead of 150 for the whole map, a few changed
-            edges changed an exact map.
-        min_gain: Minimum gain of agreement for a change of the map.
+        agreement_prior: Pseudo-count of edge pixels: with the agreement of the whole map in each window, and
+            without agreement in the whole map. With 50 in the whole map, a few changed edges changed an exact
+            map.
+        min_gain: Minimum gain of agreement for a change of the map; for a translation or growth of all edges,
+            as a fraction of the agreement after it.
     """
 
     stages: frozenset[str] = frozenset(STAGES)
     noise_range: tuple[float, float] = (0.003, 0.075)
     min_softness: float = 0.25
-    max_thin_fraction: float = 0.002
     base_side_px: int = 1024
     max_shift_px: int = 7
     min_certainty: float = 0.25
-    min_shift_gain: float = 0.15
     agreement_window_blocks: int = 2
-    agreement_priors: tuple[float, float] = (150.0, 150.0)
-    min_gain: float = 0.2
+    agreement_prior: float = 150.0
+    min_gain: float = 0.15

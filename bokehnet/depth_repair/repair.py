@@ -36,7 +36,7 @@ from bokehnet.depth_repair.stages.deblur import (
     restore_blurred_detail,
     snap_soft_edges,
 )
-from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
+from bokehnet.depth_repair.stages.denoise import denoise_map
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_mask
@@ -49,15 +49,9 @@ __all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap"]
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
 
-# Fraction of the progress at the end of the smallest size.
-_BASE_PROGRESS = 0.8
-
 # Maximum ratio of the residuals of a soft map with and without its growth corrected at which the corrected
 # one is used. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
 _MAX_RESIDUAL_RATIO = 0.73
-
-# Accepted fraction of the picture above which the reason names no percentage.
-_WHOLE_FRACTION = 0.995
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -158,8 +152,6 @@ class DisparityRepair:
         noise *= is_noisy
         span = float(np.ptp(disparity))
         clean = denoise_map(image, disparity, noise * span) if is_noisy else disparity
-        if "denoise" in config.stages:
-            clean = without_outliers(image, clean, MIN_EDGE_HEIGHT * span)
         if plan is not None and mode == "auto" and not plan.repaired:
             return RepairedMap(
                 disparity=clean.copy(), repaired=False, reason="as most of the shot", plan=plan
@@ -178,13 +170,16 @@ class DisparityRepair:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
         proposal = start
         blocks = np.zeros([-(-side // BLOCK_PX) for side in start.shape], bool)
-        for number, placement in enumerate(diagnosis.candidates if decides else [diagnosis.placement]):
-            progress(round(1000 * _BASE_PROGRESS * number / len(diagnosis.candidates)), 1000)
+        levels = len(maps) - 1
+        candidates = diagnosis.candidates if decides else (diagnosis.placement,)
+        steps = len(candidates) + levels
+        for number, placement in enumerate(candidates):
+            progress(number, steps)
             proposed = self._propose(colors, start, small if is_soft else None, placement)
             accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
             proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
             blocks |= accepted
-        if decides and "grow" in config.stages and diagnosis.thin_fraction < config.max_thin_fraction:
+        if decides and "grow" in config.stages and diagnosis.thin_fraction == 0:
             grown = grow_thin_structures(
                 colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
             )
@@ -195,16 +190,14 @@ class DisparityRepair:
             return _result(clean, 0.0, 0.0, diagnosis, scale)
         near_edges = _edge_pixels(start)
         misplaced = changed_pixels(small, proposal)[near_edges].sum() / max(near_edges.sum(), 1)
-        levels = len(maps) - 1
-        for level in range(levels - 1, -1, -1):
-            done = _BASE_PROGRESS + (1 - _BASE_PROGRESS) * 4.0 ** (-level - 1)
-            progress(round(1000 * done), 1000)
+        for level in reversed(range(levels)):
+            progress(steps - level - 1, steps)
             change = proposal - maps[level + 1]
             allowed = None if is_soft else _enlarged(blocks, maps[level].shape)
             proposal = enlarge_changes(
                 pictures[level].transpose(1, 2, 0), maps[level], proposal, change, allowed, sharpen=is_soft
             )
-        progress(1000, 1000)
+        progress(steps, steps)
         reason = "as most of the shot" if plan is not None else "" if decides else "asked for"
         accepted_fraction = 1.0 if is_soft else float(blocks.mean())
         return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
@@ -336,8 +329,8 @@ def _in_words(plan: RepairPlan, accepted_fraction: float, misplaced: float) -> s
             errors.append(f"the map lay {abs(down)} px too {'high' if down > 0 else 'low'}")
         if not errors:
             errors.append(f"{max(1, round(100 * misplaced))} % of the edges were out of place")
-        where = "" if accepted_fraction > _WHOLE_FRACTION else f" in {100 * accepted_fraction:.0f} % of it"
-        errors.append(f"corrected{where}")
+        percentage = f"{100 * accepted_fraction:.0f}"
+        errors.append("corrected" if percentage == "100" else f"corrected in {percentage} % of it")
     else:
         errors.append("no edge is clearly out of place")
     return "; ".join(errors)

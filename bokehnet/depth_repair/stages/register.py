@@ -20,16 +20,13 @@ from itertools import product
 import numpy as np
 
 from bokehnet.depth_repair.config import RepairConfig
-from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
+from bokehnet.depth_repair.edge_profile import STANDARD_ERRORS, EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
 __all__ = ["NO_PLACEMENT", "Placement", "find_placement", "verified"]
 
 # Maximum number of edge pixels in the search, and spacing of its coarse grid of translations, pixels.
 _MAX_EDGES, _STRIDE_PX = 2000, 2
-
-# Minimum side of a map that is registered, pixels: smaller maps contain too few edges.
-_MIN_SIDE_PX = 64
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,8 +60,6 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
         disparity: Map with sharp edges, (H, W), any unit.
         config: Numbers of the repair.
     """
-    if min(disparity.shape) < _MIN_SIDE_PX:
-        return NO_PLACEMENT
     edges = sample_edges(image, disparity, _MAX_EDGES)
     if not len(edges.weights):
         return NO_PLACEMENT
@@ -83,8 +78,9 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
         candidates.append((of_all, agreement, error, moved))
     highest, _, tolerance, _ = max(candidates, key=lambda candidate: candidate[0])
     _, agreement, error, best = next(c for c in candidates if c[0] >= highest - tolerance)
-    gain = agreement - edges.agreement()[0] - 2 * error
-    is_better = agreement - 2 * error >= config.min_certainty and gain >= config.min_shift_gain * agreement
+    margin = STANDARD_ERRORS * error
+    gain = agreement - margin - edges.agreement()[0]
+    is_better = agreement - margin >= config.min_certainty and gain >= config.min_gain * agreement
     return best if is_better else NO_PLACEMENT
 
 
@@ -127,5 +123,7 @@ def verified(
     best, tolerance = max(agreements.values())
     growth = min((g for g, (mean, _) in agreements.items() if mean >= best - tolerance), key=abs)
     agreement, error = agreements[growth]
-    verified = Placement(offset=placement.offset, growth=growth, certainty=agreement - 2 * error)
+    verified = Placement(
+        offset=placement.offset, growth=growth, certainty=agreement - STANDARD_ERRORS * error
+    )
     return verified, agreement, error

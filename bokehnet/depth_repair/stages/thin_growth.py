@@ -14,35 +14,33 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA
 from bokehnet.depth_repair.filters import local_extremes, shift_edges
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = ["grow_thin_structures", "thin_fraction"]
 
-# Maximum length of the growth and half width of the window in which colours are compared, pixels.
-_MAX_LENGTH_PX, _COLOR_RADIUS_PX = 40, 12
-
-# Half weight of a colour: distance of encoded colours, Euclidean over three channels.
-_COLOR_SIGMA = 0.06
+# Half width of the window in which colours are compared, pixels.
+_COLOR_RADIUS_PX = 12
 
 # Minimum ratio of the mean weights of near and far pixels, and minimum weight of the most similar near pixel.
 _MIN_RATIO, _MIN_WEIGHT = 2.0, 0.3
 
-# Minimum number of near pixels in the window, and their maximum fraction: at the end of a piece they are few,
-# at the side of a large surface, into which lines of the background run, about half.
-_MIN_PIXELS, _MAX_NEAR_FRACTION = 3, 0.38
+# Maximum fraction of near pixels in the window: at the end of a piece they are few, at the side of a large
+# surface, into which lines of the background run, about half.
+_MAX_NEAR_FRACTION = 0.38
 
 # Half width of the window that grown structures must not fill, and of the window that thin structures of a
 # map do not fill, pixels.
-_MAX_HALF_WIDTH_PX, _THIN_HALF_WIDTH_PX = 5, 2
+_MAX_HALF_WIDTH_PX, _THIN_HALF_WIDTH_PX = BLOCK_PX // 2, 2
 
 
 @njit(cache=True, parallel=True)
 def _joined(colors, disparity, ys, xs, min_height, max_near_fraction, values):  # type: ignore[no-untyped-def]
     """Fill ``values`` with the disparity of the near side that each pixel joins, or with its own."""
     height, width = disparity.shape
-    factor = 1.0 / (_COLOR_SIGMA * _COLOR_SIGMA)
+    factor = 1.0 / (COLOR_SIGMA * COLOR_SIGMA)
     for i in prange(len(ys)):
         y, x = ys[i], xs[i]
         own = near = disparity[y, x]
@@ -70,8 +68,7 @@ def _joined(colors, disparity, ys, xs, min_height, max_near_fraction, values):  
                 else:
                     far_sum, far_count = far_sum + weight, far_count + 1
         if (
-            near_count >= _MIN_PIXELS
-            and near_count <= max_near_fraction * (near_count + far_count)
+            near_count <= max_near_fraction * (near_count + far_count)
             and near_sum * far_count > _MIN_RATIO * far_sum * near_count
             and highest > _MIN_WEIGHT
         ):
@@ -92,14 +89,12 @@ def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: f
     colors = np.asarray(encode(np.minimum(image, 1.0)), np.float32)
     result = disparity.copy()
     border = local_extremes(disparity, 1)[1] > disparity + min_height
-    for _ in range(_MAX_LENGTH_PX):
+    while border.any():
         ys, xs = np.nonzero(border)
         values = np.empty(len(ys), np.float32)
         with parallel_region:
             _joined(colors, result, ys, xs, min_height, _MAX_NEAR_FRACTION, values)
         joined = values > result[ys, xs]
-        if not joined.any():
-            break
         result[ys[joined], xs[joined]] = values[joined]
         new = np.zeros(border.shape, bool)
         new[ys[joined], xs[joined]] = True
