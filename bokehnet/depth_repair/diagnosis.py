@@ -9,6 +9,7 @@ between both sides of their edge; the agreement is that of the edge profile
 In: the picture, scene-linear (3, H, W), and the map (H, W), any unit. Out: a :class:`Diagnosis`.
 """
 
+import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -21,8 +22,8 @@ from bokehnet.depth_repair.stages.thin_growth import thin_fraction
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
-# Minimum side of a map whose noise is estimated, pixels.
-_MIN_SIDE_PX = 32
+# Minimum side of a map whose noise is estimated, pixels, and approximate maximum number of details used.
+_MIN_SIDE_PX, _MAX_DETAILS = 32, 2**18
 
 # Median and lower quartile of the absolute value of standard normal deviates.
 _NORMAL_MEDIAN, _NORMAL_QUARTILE = (NormalDist().inv_cdf((1 + rank) / 2) for rank in (1 / 2, 1 / 4))
@@ -97,10 +98,11 @@ def noise_level(disparity: np.ndarray) -> float:
 
 
 def _details(values: np.ndarray) -> np.ndarray:
-    """Return the absolute diagonal Haar details of an array."""
+    """Return the absolute diagonal Haar details of an array, at most about ``_MAX_DETAILS`` of them."""
     height, width = (side // 2 for side in values.shape)
+    stride = 2 * math.ceil(math.sqrt(height * width / _MAX_DETAILS))
     top_left, top_right, bottom_left, bottom_right = (
-        values[y : 2 * height : 2, x : 2 * width : 2] for y in (0, 1) for x in (0, 1)
+        values[y : 2 * height : stride, x : 2 * width : stride] for y in (0, 1) for x in (0, 1)
     )
     return np.abs(top_left - top_right - bottom_left + bottom_right)
 
