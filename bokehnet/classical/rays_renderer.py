@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -27,11 +27,22 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_table
-from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
+from bokehnet.classical.layered.march.bundle_extents import (
+    bundle_extents,
+    reach_by_rings,
+    sharp_blocks,
+    stray_map,
+)
 from bokehnet.classical.layered.march.defocus_bins import TILE, DefocusBins, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
-from bokehnet.classical.layered.march.resolution_levels import levels_halo, make_levels, march_levels
+from bokehnet.classical.layered.march.resolution_levels import (
+    BLOCK_PX,
+    SharpBlocks,
+    levels_halo,
+    make_levels,
+    march_levels,
+)
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter_beyond, scatter_inside
@@ -354,8 +365,8 @@ def _render_layers(
     rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     levels = None
-    if job.layers is None and pupil_rays.lens is None and job.device.march is None:
-        levels = make_levels(rest, cells)
+    if job.layers is None and job.device.march is None:
+        levels = make_levels(rest, cells, _sharp_blocks(job, pupil_rays, cells))
     del stack, rest  # their coverage and defocus are in the cells
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
@@ -363,23 +374,26 @@ def _render_layers(
         within = reach_by_rings(pupil_rays.extents, pupil_rays.lens, TILE, job.above)
     bins = occupied_bins(cells, *within)
     rays_job = _rays_job(job, pupil_rays, colors, cells, rays_mask, bins)
-    near = _bundle_smooth_tiles(rays_job, pupil_rays, result)
-    bundled = None if near is None else np.array(result)
+    near, bundled = _bundle_smooth_tiles(rays_job, pupil_rays, result), None
     if near is not None:
         rays_job = replace(rays_job, rays_mask=rays_mask & (near > 0))
+        is_both = rays_job.rays_mask & (near < 1)
+        bundled = is_both, result[is_both], near[is_both][:, None]
+    del near
 
     def report_rays(fraction: float) -> None:
         report(2, fraction)
 
     if levels is not None:
-        march_levels(rays_job, levels, result, disocclusion_weight, report_rays)
+        lens_at = None if pupil_rays.lens is None else partial(_lens_at, job)
+        march_levels(rays_job, levels, result, disocclusion_weight, report_rays, lens_at)
     else:
         march(rays_job, result, disocclusion_weight, progress=report_rays, send=job.device.march)
     del levels
     if bundled is not None:
-        with parallel_region:
-            _blend(bundled, near, rays_job.rays_mask, result)
-        del bundled
+        is_both, light, weight = bundled
+        result[is_both] = fuse(light, result[is_both], weight)
+        del bundled, is_both
     add_lights(
         lights,
         cells,
@@ -401,6 +415,30 @@ def _render_layers(
         mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
         scatter=smooth,
     )
+
+
+def _sharp_blocks(job: _Job, pupil_rays: _Rays, cells: np.ndarray) -> SharpBlocks | None:
+    """Return the function that finds the sharp blocks of an aberrated lens; None for a perfect one."""
+    if pupil_rays.lens is None or pupil_rays.extents is None:
+        return None
+    return partial(
+        sharp_blocks,
+        side=BLOCK_PX,
+        largest=max(float(cells[..., 0].max()), -float(cells[..., 0].min())),
+        extents=pupil_rays.extents,
+        lens=pupil_rays.lens,
+        above=job.above,
+    )
+
+
+def _lens_at(
+    job: _Job, viewport: Viewport, above: int, shape: tuple[int, int]
+) -> tuple[LensTable, tuple[Any, ...]]:
+    """Return the lens of a smaller picture, and its extents as arguments of ``occupied_bins``."""
+    assert job.lens_response is not None
+    points, _, chances = pupil_pattern(job.aperture)
+    lens = lens_table(job.lens_response, viewport, chances, above=above, shape=shape)
+    return lens, reach_by_rings(bundle_extents(points, lens), lens, TILE, above)
 
 
 def _rays_job(

@@ -17,7 +17,16 @@ from bokehnet.classical.simd.float8 import LANES, broadcast8, load8, store8
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.aberration_map import UNTILTED_AXES
 
-__all__ = ["BUNDLE", "LEVELS", "bundle_extents", "extent_at", "reach_by_rings", "ring_of", "stray_map"]
+__all__ = [
+    "BUNDLE",
+    "LEVELS",
+    "bundle_extents",
+    "extent_at",
+    "reach_by_rings",
+    "ring_of",
+    "sharp_blocks",
+    "stray_map",
+]
 
 # Rays of a bundle: consecutive points of one sequence.
 BUNDLE = 2048
@@ -159,14 +168,67 @@ def reach_by_rings(
         side: Side of the tiles, pixels.
         above: Rows of the picture above these tiles.
     """
-    last = len(extents) - 1
-    margin = math.ceil(0.5 * math.sqrt(2) * side * lens.scale * last) + 2
-    rings = [slice(max(0, ring - margin), ring + margin + 1) for ring in range(last)]
-    widest = np.stack([extents[ring].max(axis=0) for ring in rings])
+    widest = _over_rings(extents, lens, side)
 
     def reach_at(defocus: np.ndarray) -> np.ndarray:
-        reaches = np.empty((last, len(defocus)))
-        _fill_reaches(widest, np.ascontiguousarray(defocus, np.float64), reaches)
-        return reaches
+        return _reaches(widest, defocus)
 
     return reach_at, (lens.column, lens.row - above, lens.scale)
+
+
+def _over_rings(values: np.ndarray, lens: LensTable, side: int) -> np.ndarray:
+    """Return upper bounds over squares of ``side`` pixels whose centres are in a ring, (rings - 1, ...).
+
+    ``values``: upper bounds by distance from the centre of the picture, (rings, ...).
+    """
+    last = len(values) - 1
+    margin = math.ceil(0.5 * math.sqrt(2) * side * lens.scale * last) + 2
+    rings = [slice(max(0, ring - margin), ring + margin + 1) for ring in range(last)]
+    return np.stack([values[ring].max(axis=0) for ring in rings])
+
+
+def _reaches(lines: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+    """Return :func:`extent_at` of lines (n, ...) and a defocus (m,), (n, m)."""
+    reaches = np.empty((len(lines), len(defocus)))
+    _fill_reaches(lines, np.ascontiguousarray(defocus, np.float64), reaches)
+    return reaches
+
+
+def sharp_blocks(
+    smallest: np.ndarray,
+    limit: float,
+    *,
+    side: int,
+    largest: float,
+    extents: np.ndarray,
+    lens: LensTable,
+    above: int,
+) -> tuple[np.ndarray, float]:
+    """Return blocks in which a surface may be blurred by less than a limit, and the reach of such surfaces.
+
+    A disc of radius r before aberrations is at least r (1 - s) - e afterwards, for the bounds s and e of the
+    stretch and the transverse aberration: a curved field can cancel that much of the defocus.
+
+    Args:
+        smallest: Smallest blur radius of a perfect lens in each block, pixels, (rows, columns).
+        limit: Limit of the radius, pixels.
+        side: Side of the blocks, pixels.
+        largest: Largest blur radius of a perfect lens in the picture, pixels.
+        extents: From :func:`bundle_extents`.
+        lens: Lens response.
+        above: Rows of the picture above these blocks.
+
+    Returns:
+        Mask, (rows, columns) bool, and the maximum distance at which its surfaces send light, pixels.
+    """
+    stretch, aberration = (_over_rings(v, lens, side) for v in (lens.max_stretch, lens.max_aberration))
+    with np.errstate(divide="ignore"):
+        sharp_radii = (limit + aberration) / np.maximum(1.0 - stretch, 0.0)
+    y, x = (side * (np.arange(count) + 0.5) - 0.5 for count in smallest.shape)
+    field = lens.scale * np.hypot(y[:, None] + above - lens.row, x - lens.column)
+    rings = np.minimum((field * len(stretch)).astype(np.intp), len(stretch) - 1)
+    is_sharp = smallest < sharp_radii[rings]
+    radii = np.minimum(sharp_radii, largest)
+    lines = _over_rings(extents, lens, side)
+    reach = np.maximum(np.diagonal(_reaches(lines, radii)), np.diagonal(_reaches(lines, -radii)))
+    return is_sharp, float(reach[rings[is_sharp]].max(initial=0.0))

@@ -16,6 +16,7 @@ of the level is ours.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -23,6 +24,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.known_layers import Layers
+from bokehnet.classical.layered.march.aberrated_rays import LensTable
 from bokehnet.classical.layered.march.defocus_bins import occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.layer_reduction import half_layers, half_shape
@@ -32,9 +34,12 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
 __all__ = [
+    "BLOCK_PX",
     "MAX_LEVELS",
     "MIN_RADIUS_PX",
     "LayerLevels",
+    "LensAt",
+    "SharpBlocks",
     "layers_halo",
     "levels_halo",
     "make_levels",
@@ -50,7 +55,19 @@ MIN_RADIUS_PX = 6.0
 MAX_LEVELS = 2
 
 # Side of the square blocks of pixels that share a level, pixels of the full size.
-_BLOCK_PX = 16
+BLOCK_PX = 16
+
+# Rays per pixel of a smaller size over those of the next larger one, through an aberrated lens. It has fewer
+# rays than a perfect one, and their noise would exceed 1/255 (47.6 dB with a factor of 1, 49.1 with 2).
+_LENS_RAYS_FACTOR = 2
+
+# Function of the smallest blur radius in each block, (rows, columns), and of a limit, pixels: returns the
+# blocks in which a surface may be blurred by less, and the maximum distance at which it sends light, pixels.
+SharpBlocks = Callable[[np.ndarray, float], tuple[np.ndarray, float]]
+
+# Function of the position of a smaller picture, its rows above the arrays, and their height and width:
+# returns the lens of that size, and its extents as arguments of ``occupied_bins``.
+LensAt = Callable[[Viewport, int, tuple[int, int]], tuple[LensTable, tuple[Any, ...]]]
 
 
 def levels_halo(radius: float) -> int:
@@ -64,8 +81,11 @@ def levels_halo(radius: float) -> int:
 def layers_halo(radius: float) -> int:
     """Return the rows of layers around others, beyond twice the radius, that they depend on."""
     levels = _levels(radius)
-    choice = _reach_blocks(levels) * _BLOCK_PX if levels else 0
-    return levels_halo(radius) + max(0, math.ceil(choice - radius))
+    if not levels:
+        return levels_halo(radius)
+    choice = _reach_blocks(MIN_RADIUS_PX * 2**levels) * BLOCK_PX
+    # The rays of an aberrated lens may reach the radius plus the rounding to blocks.
+    return max(levels_halo(radius) + max(0, math.ceil(choice - radius)), 2 * BLOCK_PX)
 
 
 def _levels(radius: float) -> int:
@@ -76,9 +96,9 @@ def _levels(radius: float) -> int:
     return levels
 
 
-def _reach_blocks(level: int) -> int:
-    """Return the distance at which sharp surfaces prevent a level, blocks; one more for interpolation."""
-    return math.ceil(MIN_RADIUS_PX * 2**level / _BLOCK_PX) + 1
+def _reach_blocks(reach: float) -> int:
+    """Return the blocks within reach, pixels, of a block, and one more for interpolation."""
+    return math.ceil(reach / BLOCK_PX) + 1
 
 
 @njit(cache=True, parallel=True)
@@ -102,16 +122,21 @@ def _dilated(mask: np.ndarray, reach: int) -> np.ndarray:
     return dilated
 
 
-def _level_blocks(cells: np.ndarray) -> list[np.ndarray]:
+def _sharp_blocks(smallest: np.ndarray, limit: float) -> tuple[np.ndarray, float]:
+    """Return :data:`SharpBlocks` of a perfect lens."""
+    return smallest < limit, limit
+
+
+def _level_blocks(cells: np.ndarray, sharp_blocks: SharpBlocks) -> list[np.ndarray]:
     """Return the weight of each level over the previous one in each block, (rows, columns) float32."""
     height, width = cells.shape[:2]
-    smallest = np.empty((-(-height // _BLOCK_PX), -(-width // _BLOCK_PX)), np.float32)
+    smallest = np.empty((-(-height // BLOCK_PX), -(-width // BLOCK_PX)), np.float32)
     with parallel_region:
-        _smallest_radii(cells, _BLOCK_PX, smallest)
+        _smallest_radii(cells, BLOCK_PX, smallest)
     weights: list[np.ndarray] = []
     for level in range(1, MAX_LEVELS + 1):
-        is_sharp = smallest < MIN_RADIUS_PX * 2**level
-        is_sharp = _dilated(is_sharp, _reach_blocks(level))
+        is_sharp, reach = sharp_blocks(smallest, MIN_RADIUS_PX * 2**level)
+        is_sharp = _dilated(is_sharp, _reach_blocks(reach))
         if is_sharp.all():
             break
         weights.append((~is_sharp).astype(np.float32))
@@ -209,14 +234,15 @@ class LayerLevels:
     layers: list[Layers]
 
 
-def make_levels(layers: Layers, cells: np.ndarray) -> LayerLevels:
+def make_levels(layers: Layers, cells: np.ndarray, sharp_blocks: SharpBlocks | None = None) -> LayerLevels:
     """Return the smaller layers in which rays march where everything is blurred.
 
     Args:
         layers: Layers of the full size. Only the first may be translucent.
         cells: Their cells, see :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
+        sharp_blocks: See :data:`SharpBlocks`; default: that of a perfect lens.
     """
-    weights, smaller = _level_blocks(cells), []
+    weights, smaller = _level_blocks(cells, sharp_blocks or _sharp_blocks), []
     for _ in weights:
         layers = half_layers(layers)
         smaller.append(layers)
@@ -231,36 +257,46 @@ class _Level:
         job: Rays of this size.
         smaller: Smaller layers, and their weights.
         grid: See :func:`_weight_at`.
+        lens_at: See :data:`LensAt`; None for a perfect lens.
     """
 
     job: RaysJob
     smaller: LayerLevels
     grid: tuple[float, float]
+    lens_at: LensAt | None
 
     def next(self, mask: np.ndarray) -> "_Level":
         """Return the level of half the size, with ``mask`` (h, w) as the pixels to render."""
-        layers = self.smaller.layers[0]
+        layers = self.smaller.layers.pop(0)  # freed after its march
         cells = layer_cells(layers)
         viewport = self.job.viewport or Viewport.whole(*self.job.rays_mask.shape)
+        viewport = Viewport(
+            left=viewport.left // 2 - 1,
+            top=viewport.top // 2 - 1,
+            width=-(-viewport.width // 2),
+            height=-(-viewport.height // 2),
+        )
+        above = self.job.above // 2
+        lens, within, rays = None, (), self.job.nominal_rays
+        if self.lens_at is not None:
+            lens, within = self.lens_at(viewport, above, mask.shape)
+            rays = min(_LENS_RAYS_FACTOR * rays, self.job.points.shape[2])
         job = replace(
             self.job,
             colors=layers.colors,
             cells=cells,
             rays_mask=mask,
-            bins=occupied_bins(cells),
+            bins=occupied_bins(cells, *within),
             radius=0.5 * self.job.radius,
-            above=self.job.above // 2,
-            viewport=Viewport(
-                left=viewport.left // 2 - 1,
-                top=viewport.top // 2 - 1,
-                width=-(-viewport.width // 2),
-                height=-(-viewport.height // 2),
-            ),
+            nominal_rays=rays,
+            lens=lens,
+            above=above,
+            viewport=viewport,
         )
         per_pixel, first = self.grid
         grid = (2 * per_pixel, first - 1.5 * per_pixel)  # the centre of (y, x) is at 2 y - 1.5
-        smaller = LayerLevels(weights=self.smaller.weights[1:], layers=self.smaller.layers[1:])
-        return _Level(job=job, smaller=smaller, grid=grid)
+        smaller = LayerLevels(weights=self.smaller.weights[1:], layers=self.smaller.layers)
+        return _Level(job=job, smaller=smaller, grid=grid, lens_at=self.lens_at)
 
 
 def march_levels(
@@ -269,18 +305,21 @@ def march_levels(
     result: np.ndarray,
     disocclusion_weight: np.ndarray,
     progress: Callable[[float], None] | None = None,
+    lens_at: LensAt | None = None,
 ) -> None:
     """March rays at the size that the blur needs; results as of ``march``.
 
     Args:
-        job: Layers, rays and a perfect lens.
-        smaller: From :func:`make_levels`, of the same layers.
+        job: Layers, rays and lens.
+        smaller: From :func:`make_levels`, of the same layers; its own are removed as soon as they were used.
         result: See :func:`bokehnet.classical.layered.march.ray_marching.march`.
         disocclusion_weight: See there.
         progress: See there.
+        lens_at: See :data:`LensAt`; needed for an aberrated lens.
     """
-    grid = (1 / _BLOCK_PX, 0.5 / _BLOCK_PX - 0.5)
-    _march_level(_Level(job=job, smaller=smaller, grid=grid), result, disocclusion_weight, progress)
+    grid = (1 / BLOCK_PX, 0.5 / BLOCK_PX - 0.5)
+    level = _Level(job=job, smaller=smaller, grid=grid, lens_at=lens_at)
+    _march_level(level, result, disocclusion_weight, progress)
 
 
 def _march_level(

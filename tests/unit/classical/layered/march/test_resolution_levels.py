@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
+from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.layered.march import resolution_levels
+from bokehnet.classical.layered.march.aberrated_rays import lens_table
+from bokehnet.classical.layered.march.bundle_extents import LEVELS, bundle_extents, sharp_blocks
 from bokehnet.classical.layered.march.resolution_levels import MIN_RADIUS_PX, layers_halo, levels_halo
-from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.rays_renderer import pupil_pattern, rays
 from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
+from bokehnet.optics.aperture import Aperture
 
 SIDE = 224
 
@@ -33,6 +39,10 @@ def at_full_size(monkeypatch: pytest.MonkeyPatch, image, defocus, seeds: int = 4
     with monkeypatch.context() as patch:
         patch.setattr(resolution_levels, "MAX_LEVELS", 0)
         return np.mean([rays(image, defocus, seed=seed) for seed in range(1, seeds + 1)], 0)
+
+
+def lens_with(**sliders: float) -> LensResponse:
+    return LensResponse(aberration_map=AberrationSliders(**sliders).aberration_map())
 
 
 def rms(first: np.ndarray, second: np.ndarray) -> float:
@@ -100,3 +110,50 @@ def test_halos_grow_with_the_radius():
     assert layers_halo(2 * MIN_RADIUS_PX - 1) == levels_halo(2 * MIN_RADIUS_PX - 1)
     halos = [2 * radius + layers_halo(radius) for radius in range(400)]
     assert halos == sorted(halos)
+
+
+@pytest.mark.parametrize("field_curvature", [0.0, 3.0])
+def test_smaller_sizes_behind_an_aberrated_lens_differ_by_less_than_a_level(monkeypatch, field_curvature):
+    """Spherical aberration and coma of some pixels, and a curved field; four draws each, noise included."""
+    lens = lens_with(spherical=1.0, coma=1.0, field_curvature=field_curvature)
+    image, defocus = post_before_wall(60.0, -60.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(resolution_levels, "MAX_LEVELS", 0)
+        truth = np.mean([rays(image, defocus, lens_response=lens, seed=seed) for seed in range(1, 5)], 0)
+    smaller = np.mean([rays(image, defocus, lens_response=lens, seed=seed) for seed in range(1, 5)], 0)
+    assert not np.array_equal(smaller, truth)
+    assert rms(smaller, truth) < 1 / 255
+
+
+def test_blocks_that_a_curved_field_brings_into_focus_are_sharp():
+    """Authority: the extent of traced rays, which is smaller than the limit at some defocus of each block."""
+    points, _, chances = pupil_pattern(Aperture())
+    lens = lens_table(lens_with(field_curvature=4.0), Viewport.whole(640, 960), chances)
+    extents = bundle_extents(points, lens)
+    _, aberration = lens.footprint
+    assert aberration > 4
+    smallest = np.full((40, 60), 6.0 + 0.5 * aberration, np.float32)
+    is_sharp, reach = sharp_blocks(smallest, 12.0, side=16, largest=80.0, extents=extents, lens=lens, above=0)
+    assert is_sharp[0, 0]
+    assert is_sharp[-1, -1]
+    rows, columns = (16 * np.arange(count) + 7.5 for count in smallest.shape)
+    field = lens.scale * np.hypot(rows[:, None] - lens.row, columns - lens.column)
+    rings = (field * (len(extents) - 1)).astype(int)
+    levels = np.arange(-LEVELS, LEVELS + 1)
+    focused = np.array(
+        [(extents[ring, :-1] < 12.0) & (np.abs(levels) >= smallest[0, 0]) for ring in rings.ravel()]
+    )
+    assert 0 < focused.any(1).sum() < focused.shape[0]
+    assert is_sharp.ravel()[focused.any(1)].all()
+    assert reach >= 12.0
+
+
+def test_blocks_of_a_lens_without_aberrations_are_those_of_a_perfect_one():
+    points, _, chances = pupil_pattern(Aperture())
+    lens = lens_table(LensResponse(), Viewport.whole(320, 480), chances)
+    smallest = np.linspace(0, 40, 600, dtype=np.float32).reshape(20, 30)
+    is_sharp, reach = sharp_blocks(
+        smallest, 12.0, side=16, largest=40.0, extents=bundle_extents(points, lens), lens=lens, above=0
+    )
+    np.testing.assert_array_equal(is_sharp, smallest < 12)
+    assert 12 <= reach < 14
