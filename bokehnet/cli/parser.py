@@ -19,6 +19,10 @@ __all__ = ["PATH", "Argument", "SectionedCommand", "SectionedOption", "argument"
 # Maximum width of the names in a short help text.
 _COLUMN = 34
 
+# Remedies for a word that no option takes: for numbers and for others.
+_NUMBERS_HINT = "numbers that belong together are written without a space, such as --focus-at 640,410"
+_MAP_HINT = "a map needs --disparity or --depth before it"
+
 # Path of a file or folder; nothing is checked, shells complete it.
 PATH = click.Path(path_type=Path)
 
@@ -86,8 +90,9 @@ class SectionedCommand(click.Command):
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
             if "extra argument" in error.message and self.group_of("--disparity"):
-                hint = f"{error.message.rstrip('.')}; a map needs --disparity or --depth before it"
-                raise click.UsageError(hint, error.ctx) from error
+                word = error.message.rpartition("(")[2].rstrip(").")
+                hint = _NUMBERS_HINT if word.replace(".", "").isdecimal() else _MAP_HINT
+                raise click.UsageError(f"{error.message.rstrip('.')}; {hint}", error.ctx) from error
             raise
 
     def sections(self) -> dict[str, str]:

@@ -43,6 +43,9 @@ class SceneConfig:
             raise ParameterError("planes", "two rising counts", self.planes)
         if not 0 <= self.tilt_limit < 85:
             raise ParameterError("tilt_limit", "0 up to below 85 degrees", self.tilt_limit)
+        if self.photographs and self.photograph_folder is not None:
+            expected = "a folder or names of `photographs`, not both"
+            raise ParameterError("photograph_folder", expected, self.photograph_folder)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

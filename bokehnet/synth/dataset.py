@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from bokehnet.checks import check_at_least
+from bokehnet.checks import check_at_least, require_extra
 from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.files.atomic import remove_leftovers, write_atomic, write_text
@@ -46,6 +46,7 @@ def write_dataset(
         MissingExtraError: A package that rendering needs is missing.
     """
     check_at_least("workers", workers, 1)
+    require_extra("torch", "train")
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -109,7 +110,8 @@ def _make_bytes(config: SynthConfig, index: int) -> bytes:
 def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
     """Yield an iterator of ``make(index)`` in order; worker processes end with this context."""
     if workers == 1 or len(indices) < 2:
-        yield map(make, indices)
+        with _one_thread():
+            yield map(make, indices)
         return
     executor = ProcessPoolExecutor(
         min(workers, len(indices)), multiprocessing.get_context("spawn"), initializer=start_worker
@@ -118,6 +120,19 @@ def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> I
         yield executor.map(make, indices)
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread: its tensors are small here, and more threads wait for one another."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def start_worker() -> None:

@@ -82,11 +82,14 @@ def find_map_channels(file: ImageFile, channel: str | None) -> tuple[Part, list[
     if channel is not None:
         matches = [(part, name) for part, name in stored if channel == name]
         matches = matches or [(part, name) for part, name in stored if channel == f"{part.name}.{name}"]
+        if not matches:  # the only scalar of that name in a layer
+            matches = [(part, name) for part, name in stored if name.endswith(f".{channel}")]
+            matches = [(part, name) for part, name in matches if not _is_vector(name, part.channels)]
         if not matches:
             raise ImageFileError(f"{file.path}: no channel {channel!r}, found {full_names}")
         if len(matches) > 1:
             raise ImageFileError(
-                f"{file.path}: {len(matches)} parts have a channel {channel!r}; name one of {full_names}"
+                f"{file.path}: {len(matches)} channels are called {channel!r}; name one of {full_names}"
             )
         return matches[0][0], [matches[0][1]]
     first = file.parts[0]

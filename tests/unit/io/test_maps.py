@@ -183,10 +183,21 @@ def test_a_channel_of_several_parts_is_named_with_its_part(store_parts):
     path = store_parts("a.exr", [(["Z"], left), (["Z"], right)])
     assert (read_map(path, "part1.Z") == 2).all()
     assert (read_map(path, "part0.Z") == 1).all()
-    with pytest.raises(ImageFileError, match=r"2 parts have a channel 'Z'; name one of part0\.Z, part1\.Z"):
+    with pytest.raises(ImageFileError, match=r"2 channels are called 'Z'; name one of part0\.Z, part1\.Z"):
         read_map(path, "Z")
     with pytest.raises(ImageFileError, match=r"which channel.*part0\.Z, part1\.Z"):
         read_map(path)
+
+
+def test_a_channel_of_a_layer_is_found_by_its_last_name(store_parts):
+    """As Blender writes them; the Z of a normal is no depth."""
+    values = np.stack([np.full((2, 2), number, np.float64) for number in range(5)], -1)
+    names = ["ViewLayer.Depth.Z", *(f"ViewLayer.Normal.{axis}" for axis in "XYZ"), "Back.Mist.A"]
+    path = store_parts("a.exr", [(names, values)])
+    assert (read_map(path, "Z") == 0).all()
+    path = store_parts("b.exr", [(["Front.Depth.Z", "Back.Depth.Z"], values[..., :2])])
+    with pytest.raises(ImageFileError, match="2 channels are called 'Z'; name one of"):
+        read_map(path, "Z")
 
 
 def test_a_map_with_another_data_window_is_brought_onto_the_pictures(tmp_path):

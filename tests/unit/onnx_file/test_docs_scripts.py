@@ -38,13 +38,16 @@ def test_the_script_of_the_page_runs_without_the_package(tmp_path):
     (tmp_path / "rays.onnx").write_bytes(model.SerializeToString())
     (tmp_path / "script.py").write_text(script, encoding="utf-8")
     picture = np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8)
-    depth = np.full((40, 50), 90, np.uint8)
-    depth[10:30, 15:35] = 120
+    depth = np.full((40, 50), 23_000, np.uint16)  # as maps of depth networks are written
+    depth[10:30, 15:35] = 31_000
     Image.fromarray(picture).save(tmp_path / "photo.png")
     Image.fromarray(depth).save(tmp_path / "map.png")
     command = [sys.executable, "-I", "-c", _WITHOUT_PACKAGE]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=300)
-    inputs = {"image": srgb_to_linear(picture / np.float32(255)), "disparity": depth / np.float32(255)}
+    inputs = {
+        "image": srgb_to_linear(picture / np.float32(255)),
+        "disparity": (depth > 23_000).astype(np.float32),
+    }
     numbers = {name: np.array(x, np.float32) for name, x in {"K": 60, "focus": 0.35, "gamma": 1}.items()}
     expected = start(model, threads=1).run(None, inputs | numbers)[0]
     written = np.asarray(Image.open(tmp_path / "bokeh.png"), float)

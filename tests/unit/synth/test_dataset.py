@@ -13,7 +13,7 @@ import pytest
 
 from bokehnet.config import load_config, to_dict
 from bokehnet.errors import ConfigError, DataFileError, ParameterError
-from bokehnet.synth import ShardSet, SynthConfig, read_sample, write_dataset
+from bokehnet.synth import SceneConfig, ShardSet, SynthConfig, read_sample, write_dataset
 from bokehnet.synth.pairs import make_sample
 
 TINY = "configs/synth_tiny.toml"
@@ -151,3 +151,31 @@ def test_shards_are_read_without_torch(whole):
         [sys.executable, "-c", script, str(whole)], capture_output=True, text=True, check=True
     )
     assert shown.stdout.strip() == "(64, 64, 3)"
+
+
+def test_a_set_without_torch_writes_nothing(tmp_path):
+    script = (
+        "import sys\nsys.modules['torch'] = None\nfrom bokehnet.config import load_config\n"
+        "from bokehnet.errors import MissingExtraError\n"
+        "from bokehnet.synth import SynthConfig, write_dataset\n"
+        "try:\n    write_dataset(load_config(sys.argv[1], SynthConfig), sys.argv[2])\n"
+        "except MissingExtraError as error:\n    print(error)\n"
+    )
+    words = [sys.executable, "-c", script, TINY, str(tmp_path / "set")]
+    shown = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert "bokehnet[train]" in shown.stdout
+    assert not (tmp_path / "set").exists()
+
+
+def test_one_process_renders_on_one_thread_and_gives_the_others_back(config, tmp_path):
+    import torch
+
+    before, seen = torch.get_num_threads(), []
+    write_dataset(config, tmp_path, progress=lambda *_: seen.append(torch.get_num_threads()))
+    assert set(seen) == {1}
+    assert torch.get_num_threads() == before
+
+
+def test_a_folder_beside_names_of_photographs_is_refused():
+    with pytest.raises(ParameterError, match="photograph_folder: expected a folder or names"):
+        SceneConfig(photographs=("astronaut",), photograph_folder="mine")

@@ -25,6 +25,10 @@ ALL = [*MAP, *SIZES]
         (["render", "missing.jpg", *ALL[2:]], ["missing.jpg: no such file"]),
         ([*PHOTO, "--depth", "missing.exr", *LENS], ["missing.exr: no such file"]),
         ([*PHOTO, "disparity.png"], ["extra argument (disparity.png); a map needs --disparity or --depth"]),
+        (
+            [*PHOTO, "--focus-at", "64", "41"],
+            ["extra argument (41); numbers that belong together", "640,410"],
+        ),
         ([*PHOTO, *SIZES], ["expected one of --disparity and --depth", "neither", "has no depth map"]),
         ([*ALL, "--depth", "camera.exr"], ["expected one of --disparity and --depth", "both"]),
         ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
