@@ -115,10 +115,10 @@ def _equivalent_blur(
     lens = ThinLens(focal_length=length, f_number=camera.f_number, focus_distance=distance)
     radii = np.asarray(lens.coc_radius(np.array([[0.0, 1 / nearest]])))[0]  # mm, linear in disparity
     blur = float(radii[1] - radii[0]) * window.display_width / film.sensor_width
-    focus = "infinity" if math.isinf(distance) else f"{distance / 1000:.2g} m"
+    focus = "infinity" if math.isinf(distance) else f"{_two_digits(distance / 1000)} m"
     note = (
         f"f/{camera.f_number:g} as on full frame at {length:.3g} mm, "
-        f"nearest point at {nearest / 1000:.2g} m, focus at {focus}"
+        f"nearest point at {_two_digits(nearest / 1000)} m, focus at {focus}"
     )
     return replace(camera, blur=blur, f_number=None, focal_length=None), (note,)
 
@@ -142,7 +142,7 @@ def _completed_aperture(
     longer_side = max(window.display_width, window.display_height)
     radius = max(strength / 100 * _FULL_RADIUS, _MIN_RADIUS) * longer_side
     f_number = max(pixels / radius, _MIN_F_NUMBER)
-    note = f"f/{f_number:.2g} for a blur of up to {100 * radius / longer_side:.2g} % of the longer side"
+    note = f"f/{_two_digits(f_number)} for a blur of up to {100 * radius / longer_side:.2g} % of the longer side"
     if camera.strength is None:
         note += ", as the file has no f-number"
         if f_number < _FASTEST_LENS:
@@ -174,6 +174,11 @@ _FASTEST_LENS = 0.5
 
 # Largest aperture that is assumed; a flat scene needs an infinite one for any blur.
 _MIN_F_NUMBER = 0.1
+
+
+def _two_digits(value: float) -> str:
+    """Return a number with two significant digits, without an exponent below a million."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _distance(disparity: float) -> float:
