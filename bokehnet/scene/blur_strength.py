@@ -142,7 +142,8 @@ def _completed_aperture(
     longer_side = max(window.display_width, window.display_height)
     radius = max(strength / 100 * _FULL_RADIUS, _MIN_RADIUS) * longer_side
     f_number = max(pixels / radius, _MIN_F_NUMBER)
-    note = f"f/{_two_digits(f_number)} for a blur of up to {100 * radius / longer_side:.2g} % of the longer side"
+    percentage = _two_digits(100 * radius / longer_side)
+    note = f"f/{_two_digits(f_number)} for a blur of up to {percentage} % of the longer side"
     if camera.strength is None:
         note += ", as the file has no f-number"
         if f_number < _FASTEST_LENS:
