@@ -5,7 +5,6 @@ Source: thesis 001, appendix B, the previewer of BokehLab, which rotates a scene
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -19,6 +18,7 @@ from bokehnet.config import load_config
 from bokehnet.lenses import catalog_names
 from bokehnet.raytrace.camera import Camera, Pose
 from bokehnet.raytrace.draft import draft_light
+from bokehnet.raytrace.threads import one_torch_thread
 from bokehnet.raytrace.tracer import Tracer, lens_rays
 from bokehnet.scenes.mesh_scene import mesh_scene
 from bokehnet.scenes.reader import read_camera, read_scene_table
@@ -114,7 +114,7 @@ class ScenePreview:
         The lens is ideal: a real one needs its effective pupil, a second after each change of the focus.
         """
         camera = self._camera(view, ideal=True)
-        with _one_torch_thread():
+        with one_torch_thread():
             light, depth = self._pinhole(camera)
         defocus = np.asarray(camera.lens.coc_radius(1 / depth) / camera.pixel_pitch, np.float32)
         limit = _MAX_DRAFT_BLUR * camera.width
@@ -150,7 +150,7 @@ class ScenePreview:
 
     def focus_at(self, view: View, x: float, y: float) -> float:
         """Return the depth, m, of the surface at a point, fractions of the picture; inf without one."""
-        with _one_torch_thread():
+        with one_torch_thread():
             depth = self._pinhole(self._camera(view, ideal=True))[1]
         row, column = (
             min(max(int(part * size), 0), size - 1) for part, size in zip((y, x), depth.shape, strict=True)
@@ -197,14 +197,3 @@ class ScenePreview:
             depth = self._pinhole(replace(self._job.camera, width=1, height=1))[1]
             focus = float(depth[0, 0]) / _MM_PER_M
         return (focus if math.isfinite(focus) else _FALLBACK_PIVOT) * _MM_PER_M
-
-
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Use one thread in torch: those of small tensors wait for each other, most of all beside a browser."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

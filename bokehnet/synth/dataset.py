@@ -46,7 +46,8 @@ def write_dataset(
         MissingExtraError: A package that rendering needs is missing.
     """
     check_at_least("workers", workers, 1)
-    require_extra("torch", "train")
+    if cluster is None:
+        require_extra("torch", "train")
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +111,9 @@ def _make_bytes(config: SynthConfig, index: int) -> bytes:
 def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
     """Yield an iterator of ``make(index)`` in order; worker processes end with this context."""
     if workers == 1 or len(indices) < 2:
-        with _one_thread():
+        from bokehnet.raytrace.threads import one_torch_thread
+
+        with one_torch_thread():
             yield map(make, indices)
         return
     executor = ProcessPoolExecutor(
@@ -120,19 +123,6 @@ def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> I
         yield executor.map(make, indices)
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let torch use one thread: its tensors are small here, and more threads wait for one another."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def start_worker() -> None:
