@@ -12,6 +12,7 @@ import numpy as np
 from benchmarks.figures import write_figures
 from benchmarks.quality.tables.score_table import Engine, print_header, print_scores, score
 from bokehnet.engine_registry import ENGINES
+from bokehnet.inference.session import WEIGHTS
 from bokehnet.optics.aperture import Aperture
 from train.scores.evaluation_sets import path_traced_shots as read_shots
 from train.scores.evaluation_sets import scene_folders
@@ -42,10 +43,15 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--weights", type=Path)
+    parser.add_argument(
+        "--weights", type=Path, default=WEIGHTS, help="folder with a folder for each engine with networks"
+    )
     parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
     arguments = parser.parse_args()
-    engines = {name: whole_engine(name, arguments.weights) for name in ENGINES}
+    engines = {
+        name: whole_engine(name, arguments.weights / spec.networks if spec.networks else None)
+        for name, spec in ENGINES.items()
+    }
     print_header("scene")
     everything = []
     for folder in scene_folders(arguments.folder):

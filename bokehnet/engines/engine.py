@@ -135,7 +135,7 @@ class Engine:
 
     Raises:
         ParameterError: Unknown engine, or a provider that ONNX Runtime does not support here.
-        ModelFileError: The engine needs networks, and they are missing or damaged.
+        ModelFileError: The engine needs networks, and they are missing, damaged, or those of another engine.
     """
 
     def __init__(
@@ -152,17 +152,22 @@ class Engine:
             check_choice("engine", name, ENGINES)
         self.name, self._threads = name, threads
         spec = ENGINES.get(name)
-        requested_device, self.device = device, device_of(device, spec.classical if spec else name)
+        self.classical_name = spec.classical if spec else name
+        requested_device, self.device = device, device_of(device, self.classical_name)
         if self.device != "cpu" and tuple(providers) == CPU:
             providers = providers_on(self.device)
         self._networks = (
             load_networks(
-                weights or WEIGHTS / spec.networks, threads, providers, session_options, refine=spec.refines
+                weights or WEIGHTS / spec.networks,
+                spec.classical,
+                threads,
+                providers,
+                session_options,
+                refine=spec.refines,
             )
             if spec and spec.networks
             else None
         )
-        self.classical_name = self._networks.classical if self._networks else name
         baseline = name in BASELINES
         self._classical = baseline_renderer(name) if baseline else make_on(self.device, self.classical_name)
         self._lens_fallback = (

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.engine_registry import CLASSICAL
+from bokehnet.engine_registry import CLASSICAL, ENGINES
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.process_memory import keeps_freed_memory
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
@@ -166,6 +166,7 @@ def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads:
 
 def load_networks(
     folder: Path,
+    classical: str,
     threads: int = 0,
     providers: Sequence[str] = CPU,
     options: Any = None,
@@ -176,6 +177,7 @@ def load_networks(
 
     Args:
         folder: Folder with ``manifest.json`` and the ONNX files that it names.
+        classical: Name of the classical renderer whose results they have to correct.
         threads: Threads inside a network; 0 uses all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
         options: ``onnxruntime.SessionOptions`` to use instead of the default ones.
@@ -183,7 +185,8 @@ def load_networks(
 
     Raises:
         ParameterError: A provider is not available in ONNX Runtime.
-        ModelFileError: A file is missing, damaged or differs from the manifest.
+        ModelFileError: A file is missing, damaged or differs from the manifest, or the networks correct
+            another renderer.
     """
     manifest = _read_manifest(folder)
     _check_pair(folder, manifest)
@@ -194,16 +197,22 @@ def load_networks(
     if refine and "iunet" in manifest["networks"]:
         model = _read_model(folder, "iunet", manifest)
         iunet = OnnxNetwork(model, (*inputs, "coarse", "features"), *settings)
-    sees_features = arnet.sees_features or (iunet is not None and iunet.sees_features)
-    if sees_features and not CLASSICAL[manifest["classical"]].traces_rays:
+    if (found := manifest["classical"]) != classical:
+        engines = [spec.name for spec in ENGINES.values() if spec.networks and spec.classical == found]
         raise ModelFileError(
-            f"{folder}: expected networks without the input features, which {manifest['classical']} does not "
+            f"{folder}: expected networks that correct the {classical}, found networks that correct the "
+            f"{found}; use --engine {' or '.join(engines)}"
+        )
+    sees_features = arnet.sees_features or (iunet is not None and iunet.sees_features)
+    if sees_features and not CLASSICAL[classical].traces_rays:
+        raise ModelFileError(
+            f"{folder}: expected networks without the input features, which {classical} does not "
             "provide, found one with it; train it with model.see_features = false and export again"
         )
     return Networks(
         arnet=arnet,
         iunet=iunet,
         network_max_radius=float(manifest["network_max_radius"]),
-        classical=manifest["classical"],
+        classical=classical,
         max_valid_radius=float(manifest.get("max_valid_radius", math.inf)),
     )

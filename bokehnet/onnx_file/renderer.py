@@ -61,12 +61,7 @@ class _Networks:
 
 def _read_networks(weights: Path, engine: str) -> _Networks:
     """Return the checked networks of a folder that the engine uses."""
-    networks = load_networks(weights, threads=1, refine=ENGINES[engine].refines)
-    if networks.classical != "scatter":
-        raise ModelFileError(
-            f"{weights}: expected networks that correct the scatter, found networks that correct the "
-            f"{networks.classical}"
-        )
+    networks = load_networks(weights, "scatter", threads=1, refine=ENGINES[engine].refines)
     entries = json.loads((weights / "manifest.json").read_text(encoding="utf-8"))["networks"]
 
     def read(name: str) -> onnx.ModelProto:

@@ -50,7 +50,7 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     """One body serves training and inference: the same picture to float precision, odd sizes included."""
     folder, (arnet, iunet) = pair
     image, defocus = picture(height, width, radius)
-    result = BokehRenderer("hybrid", weights=folder).render_arrays(image, defocus)
+    result = BokehRenderer("neural", weights=folder).render_arrays(image, defocus)
     classical = scatter_of(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
     error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
@@ -67,7 +67,7 @@ def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
     """The halo covers the receptive field: no seam, at least 60 dB, here to float precision."""
     folder, _ = pair
     monkeypatch.setattr(tiling, "TILE", 64)
-    iunet = load_networks(folder).iunet
+    iunet = load_networks(folder, "scatter").iunet
     rng = np.random.default_rng(1)
     level = Level(
         image=rng.random((1, 3, 152, 208), dtype=np.float32),
@@ -90,7 +90,7 @@ def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
     defocus[150:200, 250:290] = 38.0
     image = rng.random((400, 600, 3), dtype=np.float32)
     batches = [x.transpose(2, 0, 1)[None] for x in (image, defocus[..., None], scatter_of(image, defocus))]
-    loaded = load_networks(folder)
+    loaded = load_networks(folder, "scatter")
     ran = []
 
     def iunet(*arrays):
@@ -126,7 +126,7 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
     folder, _ = pair
     image, defocus = picture(64, 64, 6)
     image[10, 50] = 1000.0
-    result = BokehRenderer("hybrid", weights=folder).render_arrays(image, defocus)
+    result = BokehRenderer("neural", weights=folder).render_arrays(image, defocus)
     zero = geometric_error_map(defocus) == 0
     assert zero[10, 50]
     assert_array_equal(result.bokeh[zero], result.classical[zero])
@@ -208,25 +208,25 @@ def test_highlights_are_expanded_before_and_stay_unclipped():
 def test_the_hybrid_takes_highlights(pair):
     image, defocus = picture(40, 50, 8)
     curve = Highlights(threshold=0.7, gain=5)
-    renderer = BokehRenderer("hybrid", weights=pair[0])
+    renderer = BokehRenderer("neural", weights=pair[0])
     result = renderer.render_arrays(image, defocus, options=RenderOptions(highlights=curve))
     assert_array_equal(result.bokeh, renderer.render_arrays(curve.expand(image), defocus).bokeh)
 
 
 def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair):
     image, defocus = picture(40, 50, 8)
-    result = BokehRenderer("hybrid", aperture=PENTAGON, weights=pair[0]).render_arrays(image, defocus)
+    result = BokehRenderer("neural", aperture=PENTAGON, weights=pair[0]).render_arrays(image, defocus)
     assert_array_equal(result.classical, scatter_of(image, defocus, PENTAGON))
     assert (
         np.abs(
-            result.bokeh - BokehRenderer("hybrid", weights=pair[0]).render_arrays(image, defocus).bokeh
+            result.bokeh - BokehRenderer("neural", weights=pair[0]).render_arrays(image, defocus).bokeh
         ).max()
         > 0.01
     )
 
 
 def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
-    renderer = BokehRenderer("hybrid", weights=pair[0])
+    renderer = BokehRenderer("neural", weights=pair[0])
     with pytest.raises(ParameterError, match=r"gamma: expected 1, .* got 2; use the engine `scatter`"):
         renderer.render_arrays(*picture(20, 30, 4), options=RenderOptions(gamma=2))
 
@@ -234,7 +234,7 @@ def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
 def test_progress_is_reported_to_the_end(pair):
     folder, _ = pair
     seen = []
-    BokehRenderer("hybrid", weights=folder).render_arrays(
+    BokehRenderer("neural", weights=folder).render_arrays(
         *picture(32, 32, 4), lambda done, total: seen.append((done, total))
     )
     assert seen[0][0] == 0

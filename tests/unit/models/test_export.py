@@ -46,14 +46,14 @@ def exported(tmp_path_factory, request):
     networks = random_networks(request.param)
     classical = "rays" if request.param == "features" else "scatter"
     differences = export_networks(networks, folder, {"classical": classical, "notes": {"why": "test"}})
-    return folder, networks, differences
+    return folder, networks, differences, classical
 
 
 def test_networks_that_need_features_behind_the_scatter_are_refused_in_one_line(tmp_path):
     """The scatter provides none; ONNX Runtime would complain about a rank at the first picture."""
     export_networks({"arnet": random_networks("features")["arnet"]}, tmp_path, {"classical": "scatter"})
     with pytest.raises(ModelFileError, match="networks without the input features"):
-        load_networks(tmp_path)
+        load_networks(tmp_path, "scatter")
 
 
 def test_a_small_unet_behind_the_scatter_renders(tmp_path):
@@ -66,16 +66,16 @@ def test_a_small_unet_behind_the_scatter_renders(tmp_path):
 
 
 def test_export_proves_parity_at_other_sizes(exported):
-    _, _, differences = exported
+    _, _, differences, _ = exported
     assert set(differences) == {"arnet", "iunet"}
     assert max(differences.values()) <= PARITY
 
 
 @pytest.mark.parametrize("size", [(24, 88), (64, 40)])
 def test_sessions_equal_torch_at_sizes_never_exported(exported, size):
-    folder, networks, _ = exported
+    folder, networks, _, classical_name = exported
     arnet, iunet = (networks[name].eval() for name in ("arnet", "iunet"))
-    loaded = load_networks(folder)
+    loaded = load_networks(folder, classical_name)
     rng = np.random.default_rng(0)
     height, width = size
     image, classical = (rng.random((1, 3, height, width), dtype=np.float32) for _ in range(2))
@@ -94,7 +94,7 @@ def test_sessions_equal_torch_at_sizes_never_exported(exported, size):
 
 
 def test_manifest_holds_the_hash_of_each_file(exported):
-    folder, _, _ = exported
+    folder, *_ = exported
     manifest = json.loads((folder / "manifest.json").read_text())
     for name in ("arnet", "iunet"):
         entry = manifest["networks"][name]
@@ -106,7 +106,7 @@ def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
     """Format 1 with the old keys, and ONNX files whose input is called hints."""
     networks = random_networks("features")
     export_networks(networks, tmp_path, {"classical": "rays", "max_valid_radius": 26.0})
-    expected = load_networks(tmp_path)
+    expected = load_networks(tmp_path, "rays")
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     manifest["unit"] = manifest.pop("network_max_radius")
     manifest["trusted_radius"] = manifest.pop("max_valid_radius")
@@ -120,7 +120,7 @@ def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
         onnx.save(model, path)
         entry["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    loaded = load_networks(tmp_path)
+    loaded = load_networks(tmp_path, "rays")
     assert (loaded.network_max_radius, loaded.max_valid_radius) == (10.0, 26.0)
     rng = np.random.default_rng(0)
     arrays = [rng.random((1, channels, 32, 48), dtype=np.float32) for channels in (3, 1, 3, 5)]
@@ -139,7 +139,7 @@ def test_checkpoints_of_earlier_versions_still_load(tmp_path):
 
 
 def test_files_contain_nothing_of_the_exporting_machine(exported):
-    folder, _, _ = exported
+    folder, *_ = exported
     for file in folder.iterdir():
         assert str(Path(__file__).parents[3]).encode() not in file.read_bytes()
         assert b"stack_trace" not in file.read_bytes()
@@ -197,9 +197,9 @@ def test_networks_with_different_radii_do_not_go_together(tmp_path):
     ],
 )
 def test_damaged_weights_are_refused_with_the_way_out(exported, tmp_path, damage, words):
-    folder, _, _ = exported
+    folder, _, _, classical = exported
     for file in folder.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     damage(tmp_path)
     with pytest.raises(ModelFileError, match=words):
-        load_networks(tmp_path)
+        load_networks(tmp_path, classical)

@@ -62,9 +62,9 @@ def test_the_disparity_is_repaired_once_for_all_methods(tiny_pairs, monkeypatch)
 
 def test_the_hybrid_is_held_against_its_classical_half(tiny_pairs, random_weights):
     picture = list_pictures("shards", tiny_pairs)[0]
-    ((row,),) = evaluate([picture], [parse_method(f"hybrid:{random_weights}")], ["clean"])
+    ((row,),) = evaluate([picture], [parse_method(f"fast:{random_weights}")], ["clean"])
     shot = picture.read()
-    result = BokehRenderer("hybrid", weights=random_weights).render_arrays(shot.image, shot.defocus)
+    result = BokehRenderer("fast", weights=random_weights).render_arrays(shot.image, shot.defocus)
     flat = ~edge_pixels(shot.defocus)
     assert flat.sum() >= 100
     error = ((encode(result.bokeh) - encode(result.classical)) ** 2)[flat]

@@ -58,8 +58,8 @@ def test_highlights_are_kept_by_exr_and_clipped_by_png(folder, cli):
 
 
 def test_the_hybrid_takes_highlights(folder, cli, random_weights):
-    hybrid = [*WORDS, "--engine", "hybrid", "--weights", random_weights]
-    assert cli(*hybrid, "--highlights", 0.7, "-o", "out.exr", "--save-maps", "maps").code == 0
+    fast = [*WORDS, "--engine", "fast", "--weights", random_weights]
+    assert cli(*fast, "--highlights", 0.7, "-o", "out.exr", "--save-maps", "maps").code == 0
     assert cli(*SCATTER, "--highlights", 0.7, "-o", "scatter.png").code == 0
     assert_array_equal(read_image("maps/classical.png"), read_image("scatter.png"))
 
@@ -116,9 +116,9 @@ def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words
 
 
 def test_gamma_is_beyond_the_hybrid(fails, random_weights):
-    hybrid = [*WORDS, "--engine", "hybrid", "--weights", random_weights]
+    fast = [*WORDS, "--engine", "fast", "--weights", random_weights]
     fails(
-        [*hybrid, "--gamma", 2.2, "--save-maps", "maps"],
+        [*fast, "--gamma", 2.2, "--save-maps", "maps"],
         "--gamma: expected 1",
         "got 2.2",
         "use the engine scatter",

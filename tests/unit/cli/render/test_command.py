@@ -121,7 +121,7 @@ def test_no_blur_gives_the_picture_back(folder, cli):
     assert_array_equal(read_image("out.png"), read_image("photo.png"))
 
 
-@pytest.mark.parametrize("engine", ["scatter", "hybrid"])
+@pytest.mark.parametrize("engine", ["scatter", "fast"])
 def test_a_blur_larger_than_the_picture_is_fine(folder, cli, random_weights, engine):
     """A disc over the whole picture, and normalised: the result lies between the extremes of the input."""
     options = ("--engine", engine, "--weights", random_weights, "--save-maps", "maps")
@@ -133,11 +133,11 @@ def test_a_blur_larger_than_the_picture_is_fine(folder, cli, random_weights, eng
 
 def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, random_weights):
     """Oracle: BokehRenderer, which has its own tests, called directly."""
-    hybrid = ("--engine", "hybrid", "--weights", random_weights, "--save-maps", "deep/maps")
-    outcome = cli(*RELATIVE, "--blur", 6, "--focus", 0.4, "-o", "out.exr", *hybrid, "-q")
+    fast = ("--engine", "fast", "--weights", random_weights, "--save-maps", "deep/maps")
+    outcome = cli(*RELATIVE, "--blur", 6, "--focus", 0.4, "-o", "out.exr", *fast, "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
-    expected = BokehRenderer("hybrid", weights=random_weights).render_arrays(
+    expected = BokehRenderer("fast", weights=random_weights).render_arrays(
         image, 6 * (disparity - np.float32(0.4))
     )
     assert_allclose(read_image("out.exr"), expected.bokeh, rtol=HALF, atol=1e-5)

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
+from bokehnet.inference.session import WEIGHTS
 from bokehnet.io.image import write_image, write_map
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
@@ -202,19 +203,30 @@ def test_a_folder_that_is_write_protected(fails, folder):
 
 
 def test_weights_that_are_missing(fails, folder, random_weights):
-    hybrid = [*ALL, "--engine", "hybrid", "--weights", "weights"]
-    fails(hybrid, "weights missing", "manifest.json", "--engine rays")
+    fast = [*ALL, "--engine", "fast", "--weights", "weights"]
+    fails(fast, "weights missing", "manifest.json", "--engine rays")
     shutil.copytree(random_weights, folder / "weights")
     (folder / "weights" / "arnet.onnx").unlink()
     (folder / "out.png").unlink()
-    fails(hybrid, "weights missing", "arnet.onnx")
+    fails(fast, "weights missing", "arnet.onnx")
 
 
 def test_weights_with_a_wrong_hash(fails, folder, random_weights):
     shutil.copytree(random_weights, folder / "weights")
     network = folder / "weights" / "arnet.onnx"
     network.write_bytes(network.read_bytes()[:-1] + b"?")
-    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "arnet.onnx", "sha256", "damaged")
+    fails([*ALL, "--engine", "fast", "--weights", "weights"], "arnet.onnx", "sha256", "damaged")
+
+
+@pytest.mark.parametrize(
+    ("engine", "networks", "words"),
+    [
+        ("hybrid", "neural", ["correct the rays, found", "correct the scatter; use --engine neural or fast"]),
+        ("fast", "hybrid", ["correct the scatter, found", "correct the rays; use --engine hybrid"]),
+    ],
+)
+def test_networks_behind_another_renderer_are_refused(fails, engine, networks, words):
+    fails([*ALL, "--engine", engine, "--weights", WEIGHTS / networks], *words)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +236,7 @@ def test_weights_with_a_wrong_hash(fails, folder, random_weights):
 def test_an_invalid_manifest_is_reported(fails, folder, text, words):
     (folder / "weights").mkdir()
     (folder / "weights" / "manifest.json").write_text(text)
-    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)
+    fails([*ALL, "--engine", "fast", "--weights", "weights"], "manifest.json", *words)
 
 
 def test_the_checks_before_a_render_import_no_kernels(python_process):
