@@ -121,25 +121,16 @@ def test_a_mesh_file_without_triangles_is_one_line(cli, tmp_path, name, content,
     assert len(failed.err.strip().splitlines()) == 1
 
 
-def test_without_torch_scenes_and_benchmarks_are_refused_in_one_line(python_process, tmp_path):
+def test_without_torch_scenes_are_refused_in_one_line(python_process):
     source = """
-import runpy, sys
+import sys
 sys.modules["torch"] = None
-sys.argv = ["-m"]
-import benchmarks
-try:
-    runpy.run_module("benchmarks.experiments.theses.marsicano", run_name="__main__")
-except ModuleNotFoundError as error:
-    sys.excepthook(type(error), error, error.__traceback__)
 from bokehnet.cli.app import run
 sys.exit(run(["studio", "scene.toml", "--no-browser"]))
 """
     refused = python_process(source)
     assert refused.code == 1
-    lines = refused.err.strip().splitlines()
-    assert len(lines) == 2
-    assert lines[0] == "this benchmark needs torch: pip install 'bokehnet[train]'"
-    assert lines[1].endswith("this needs torch: pip install 'bokehnet[trace]'")
+    assert refused.err == "bokehnet: error: this needs torch: pip install 'bokehnet[trace]'\n"
 
 
 def test_the_command_line_refuses_settings_of_a_render_for_a_scene(cli, tmp_path):
