@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -12,26 +13,34 @@ __all__ = ["compile_notice", "progress", "stages", "write_above"]
 
 _DELAY = 1.0  # s before a bar appears
 _INTERVAL = 1.0  # s between refreshes of a bar without a report
+_LINE_INTERVAL = 30.0  # s between lines where stderr is no terminal
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
 _NOTICE = "bokehnet: compiling kernels for this machine, once; this may take a minute"
 
 
 @contextmanager
-def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Progress]:
+def progress(
+    label: str, *, hidden: bool = False, counted: bool = True, lines: bool = False
+) -> Iterator[Progress]:
     """Show a bar on stderr if the block runs longer than a second, even before the first report.
 
-    A stderr that is no terminal, such as a log file, gets no bar.
+    A stderr that is no terminal, such as a log file, gets no bar, but lines on request.
 
     Args:
         label: Activity, such as ``"rendering"``.
         hidden: True to show nothing.
         counted: True to show counts, False to show a percentage.
+        lines: True to print a line at the first report, and then at most every half minute, where stderr is
+            no terminal.
 
     Yields:
         Callback ``report(done, total)``, with ``done`` from 0 to ``total``.
     """
     from tqdm import tqdm  # here, so that --help stays fast
 
+    if lines and not hidden and not _is_terminal():
+        yield _line_printer(label)
+        return
     hidden = hidden or not _is_terminal()
     ended = threading.Event()
     with tqdm(
@@ -63,6 +72,30 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
             ended.set()
             if not hidden:
                 ticker.join()
+
+
+def _line_printer(label: str) -> Progress:
+    """Return a callback that prints reports as lines, with the remaining time once it can be estimated."""
+    from tqdm import tqdm
+
+    begin: tuple[float, int] | None = None  # time and steps at the first report
+    printed = 0.0
+
+    def report(done: int, total: int) -> None:
+        nonlocal begin, printed
+        now, left = time.monotonic(), ""
+        if begin is None:
+            begin = now, done
+        elif now - printed < _LINE_INTERVAL:
+            return
+        elif done > begin[1]:
+            seconds = (now - begin[0]) * (total - done) / (done - begin[1])
+            left = f", {tqdm.format_interval(seconds)} left"
+        printed = now
+        sys.stderr.write(f"bokehnet: {label}: {done} of {total}{left}\n")
+        sys.stderr.flush()
+
+    return report
 
 
 def _is_terminal() -> bool:

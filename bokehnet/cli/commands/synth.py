@@ -45,5 +45,6 @@ def synth(
     from bokehnet.synth import SynthConfig, write_dataset
 
     resolved = load_config(config, SynthConfig, parse_settings(settings or []))
-    with progress("rendering scenes") as report:
+    with progress("rendering scenes", lines=True) as report:
         write_dataset(resolved, out, workers=workers, progress=report, cluster=ray)
+    click.echo(f"wrote {out}: {resolved.scenes} scenes in {resolved.shards} shards")

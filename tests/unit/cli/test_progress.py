@@ -67,6 +67,23 @@ def test_progress_is_silent_when_the_work_is_short(capsys, on_terminal, monkeypa
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_log_file_gets_lines_on_request(capsys, monkeypatch):
+    """Two of 10 steps were done before; two more took 60 s, so that the other six take 180 s."""
+    times = iter([0.0, 10.0, 60.0, 61.0])
+    monkeypatch.setattr("bokehnet.cli.progress.time.monotonic", lambda: next(times))
+    with progress("rendering scenes", lines=True) as report:
+        for done in (2, 3, 4, 5):
+            report(done, 10)
+    shown = capsys.readouterr().err.splitlines()
+    assert shown == [
+        "bokehnet: rendering scenes: 2 of 10",
+        "bokehnet: rendering scenes: 4 of 10, 03:00 left",
+    ]
+    with progress("rendering scenes") as report:
+        report(2, 10)
+    assert capsys.readouterr() == ("", "")
+
+
 def test_stages_that_are_short_are_silent(capsys, on_terminal, monkeypatch):
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 1.0)
     with stages() as begin:
