@@ -24,7 +24,10 @@ def demo(
     output: Path,
     engine: str,
 ) -> None:
-    """Render the shipped demo picture at three focus distances as a contact sheet."""
+    """Render the demo picture at three focus distances.
+
+    Writes a contact sheet of the renders.
+    """
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
     from bokehnet.io.image import check_writable, write_image
     from bokehnet.render.renderer import BokehRenderer

@@ -42,9 +42,10 @@ def depth(
     convention: str | None,
     threads: int,
 ) -> None:
-    """Write the disparity map of a photo, estimated by a network or stored by a phone.
+    """Write the disparity map of a photo.
 
-    Relative disparity ranges from 0 (far) to 1 (near); metric disparity is in 1/m.
+    A network estimates it, or a phone has stored it in the photo. Relative disparity ranges from 0 (far) to
+    1 (near); metric disparity is in 1/m.
     """
     # After parsing, so that --help stays fast.
     from bokehnet.arrays.resample import resample

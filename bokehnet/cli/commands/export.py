@@ -37,7 +37,10 @@ def export(
     repair: bool,
     full: bool,
 ) -> None:
-    """Write an engine as one ONNX file: inputs image, disparity, K, focus, gamma; output bokeh."""
+    """Write an engine as one ONNX file.
+
+    Inputs: image, disparity, K, focus, gamma; output: bokeh.
+    """
     from bokehnet.checks import require_extra  # after parsing, so --help stays fast
     from bokehnet.errors import ModelFileError, ParameterError
     from bokehnet.io.files.atomic import check_target

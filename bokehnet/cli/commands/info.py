@@ -14,7 +14,7 @@ __all__ = ["info"]
 def info(
     file: Path,
 ) -> None:
-    """Print size, channels, colour space, depth and gain map of an image."""
+    """Print size, channels, colours, depth and gain map of an image."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
     from bokehnet.io.info import image_info
 

@@ -24,7 +24,7 @@ def models(
     name: str | None,
     get: bool,
 ) -> None:
-    """List the depth networks that --depth-model accepts by name, describe one, or download it."""
+    """List, describe and download the networks of --depth-model."""
     from bokehnet.inference.depth_models import depth_model_names, find_depth_model
 
     known = [model for each in depth_model_names() if (model := find_depth_model(each))]

@@ -15,7 +15,7 @@ __all__ = ["presets"]
 def presets(
     name: str | None,
 ) -> None:
-    """List the presets for `bokehnet render --preset`, or print the file of one."""
+    """List the presets of --preset, or print the file of one."""
     if name is not None:
         click.echo(read_text(preset_file(name), "preset").rstrip())
         return

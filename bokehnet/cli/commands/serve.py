@@ -12,7 +12,10 @@ __all__ = ["serve"]
 @click.command(cls=SectionedCommand)
 @with_options([ServiceSettings])
 def serve(*, option_values: OptionValues) -> None:
-    """Run a render service over HTTP: POST /v1/jobs; the API is described at /openapi.json."""
+    """Run a render service over HTTP.
+
+    Clients POST to /v1/jobs; /openapi.json describes the API.
+    """
     from bokehnet.errors import ParameterError
     from bokehnet.serve.server import run_service  # after parsing, so that --help stays fast
 

@@ -45,7 +45,10 @@ def studio(
     no_browser: bool,
     option_values: OptionValues,
 ) -> None:
-    """Open an interactive page in the browser; nothing leaves this machine."""
+    """Open an interactive page in the browser.
+
+    Nothing leaves this machine.
+    """
     if port is not None and not (port.isdigit() and int(port) < 2**16):
         raise ParameterError("--port", "a whole number from 0 to 65535", port)
     resolved = resolved_settings(settings, preset, option_values)

@@ -39,7 +39,7 @@ def synth(
     ray: str | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Render random scenes with the ray tracer and write them as training pairs."""
+    """Render random scenes with the ray tracer as training pairs."""
     from bokehnet.cli.progress import progress
     from bokehnet.config import load_config, parse_settings
     from bokehnet.synth import SynthConfig, write_dataset

@@ -29,7 +29,10 @@ _LOOKS: tuple[dict[str, Any], ...] = (
 def warm_up(
     everything: bool,
 ) -> None:
-    """Compile all kernels of a render once for this machine, by rendering small pictures."""
+    """Compile all kernels of a render once for this machine.
+
+    Renders small pictures.
+    """
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
     from bokehnet.precompiled.kernel import KERNELS
     from bokehnet.render.renderer import BokehRenderer

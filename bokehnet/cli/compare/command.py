@@ -50,7 +50,7 @@ def compare(
     page: str | None,
     option_values: OptionValues,
 ) -> None:
-    """Render a picture with several engines and show the results side by side.
+    """Render a picture with several engines, shown side by side.
 
     Prints one line per engine: PSNR, edge PSNR, SSIM and FLIP (with --truth), seconds and memory.
     """

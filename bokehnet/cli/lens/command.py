@@ -69,7 +69,10 @@ def show(
     plot: Path | None,
     psf_sheet: Path | None,
 ) -> None:
-    """Print focal length, pupils and light transmission of a lens, or list the catalog."""
+    """Print the data of a lens, or list the catalog.
+
+    The data are focal length, pupils and light transmission.
+    """
     from bokehnet.lenses.catalog import catalog_names, find_prescription
     from bokehnet.lenses.reports.report import describe_lens
 
@@ -121,7 +124,10 @@ def import_file(
     output: Path | None,
     glasses: tuple[Path, ...],
 ) -> None:
-    """Read a lens file of another program, describe it, and convert it to bokehnet's format."""
+    """Read a lens file of another program, and convert it with -o.
+
+    Prints a description of the lens. The output has bokehnet's format.
+    """
     from bokehnet.errors import ConfigError
     from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.files.reading import import_lens
@@ -163,7 +169,7 @@ def compare(
     paraxial: bool,
     as_json: bool,
 ) -> None:
-    """Print the data of two lenses side by side, or draw their sheets side by side."""
+    """Show two lenses side by side, as numbers or as sheets."""
     from bokehnet.lenses.reports.facts import lens_facts
     from bokehnet.lenses.reports.report_sheet import lens_curves
 

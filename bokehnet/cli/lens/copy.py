@@ -50,7 +50,10 @@ def copy(
     focus: float | None,
     as_json: bool,
 ) -> None:
-    """Misalign the elements of a lens, as in manufactured copies, and print the effects."""
+    """Misalign the elements of a lens and print the effects.
+
+    The errors are those of manufactured copies.
+    """
     from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.assembly.misalignment import misalignment
     from bokehnet.lenses.assembly.tolerances import Tolerances, assemble_copy

@@ -38,7 +38,10 @@ def fit(
     sharp: Path | None,
     disparity: Path | None,
 ) -> None:
-    """Fit aperture and fringes of a lens to the defocused lights of a photo, or to a pair of pictures."""
+    """Fit aperture and fringes of a lens to pictures.
+
+    The pictures: a photo of defocused lights, or a pair with and without blur.
+    """
     import numpy as np
 
     from bokehnet.cli.progress import progress

@@ -41,7 +41,10 @@ def aberrations(
     f_number: float | None,
     focus: float | None,
 ) -> None:
-    """Write the aberrations of a lens as a table by wavelength, for --aberration-table."""
+    """Write the aberrations of a lens as a table by wavelength.
+
+    `bokehnet render --aberration-table` reads it.
+    """
     from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
@@ -74,7 +77,10 @@ def preset(
     f_number: float | None,
     focus: float | None,
 ) -> None:
-    """Convert a lens to a preset: a table of its aberrations, and its vignetting."""
+    """Convert a lens to a preset.
+
+    The preset holds a table of its aberrations, and its vignetting.
+    """
     from bokehnet.cli.progress import progress
     from bokehnet.io.files.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
@@ -128,7 +134,10 @@ def transfer(
     f_number: float | None,
     focus: float | None,
 ) -> None:
-    """Fit the ray transfer function of a lens, print its ray errors, and store it."""
+    """Fit the ray transfer function of a lens and store it.
+
+    Prints its ray errors.
+    """
     from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.transfer import TransferLens
     from bokehnet.lenses.lookup.transfer_file import transfer_errors, write_transfer
@@ -172,7 +181,10 @@ def profile(
     f_number: float | None,
     focus: float | None,
 ) -> None:
-    """Trace the profile texture of a lens, compare it with the aberration map, and store it."""
+    """Trace the profile texture of a lens and store it.
+
+    Compares it with the aberration map.
+    """
     from bokehnet.cli.progress import progress
     from bokehnet.io.files.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.profile_comparison import compare_profiles

@@ -65,9 +65,10 @@ def trace(
     device: str,
     fresh: bool,
 ) -> None:
-    """Ray-trace a scene: bokeh, all-in-focus picture, depth, normals and more in one EXR file.
+    """Ray-trace a scene and write an EXR file.
 
-    Ctrl-C keeps the samples so far; the same command continues from there.
+    The file holds bokeh, all-in-focus picture, depth, normals and more. Ctrl-C keeps the samples so far; the
+    same command continues from there.
     """
     from bokehnet.io.image import check_writable  # after parsing, so --help stays fast
     from bokehnet.scenes import read_scene

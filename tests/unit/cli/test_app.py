@@ -56,6 +56,18 @@ def test_version_and_help(cli_process, cli):
         assert "synth" in outcome.out
 
 
+def test_summaries_of_commands_are_not_cut(cli, monkeypatch):
+    """click cuts a summary that exceeds the line of 80 columns, and ends it by three dots."""
+    monkeypatch.setenv("COLUMNS", "80")
+    commands = application.app.commands.items()
+    groups = [[], *([name] for name, command in commands if isinstance(command, click.Group))]
+    assert ["lens"] in groups
+    for group in groups:
+        _, _, summaries = cli(*group, "--help").out.partition("Commands:")
+        assert summaries
+        assert [line for line in summaries.splitlines() if line.endswith("...")] == []
+
+
 def test_help_imports_nothing_heavy(python_process):
     source = (
         "import sys; from bokehnet.cli.app import run\n"
