@@ -11,11 +11,10 @@ lost where an index repeats.
 
 from collections.abc import Callable
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
-from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, disc_table, list_row
+from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, disc_table, list_discs
 from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.polygon import Polygon
 
@@ -48,20 +47,6 @@ def _radii() -> np.ndarray:
     )
 
 
-def _ends(radius: float) -> np.ndarray:
-    """Return the weights of the ends of a disc by row and column.
-
-    See :mod:`bokehnet.classical.scatter.disc_table`.
-    """
-    size = int(radius) + 3
-    dense = np.zeros((size, size))
-    places, weights = np.empty((2 * size, 2), np.int32), np.empty((2 * size, 2))
-    for k in range(size):
-        count = list_row(radius, k, size, 0, places, weights)
-        np.add.at(dense, tuple(places[:count].T), weights[:count, 0])
-    return dense
-
-
 def _packed_table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return all discs in packs of ``_PACK_SIZE`` ends, padded with ends of weight 0.
 
@@ -69,19 +54,14 @@ def _packed_table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Packs (P, 4, _PACK_SIZE), float32: row, column, weight at the step's start and its derivative by the
         radius; the first pack of each step (n,) and the number of its packs (n,).
     """
-    radii = _radii()
+    table = list_discs(_radii())
     packs, counts = [], []
-    start = _ends(radii[0])
-    for low, high in pairwise(radii):
-        stop = _ends(high)
-        start = np.pad(start, (0, len(stop) - len(start)))
-        k, j = np.nonzero((start > 0) | (stop > 0))
-        growth = (stop - start) / (high - low)
-        ends = np.stack([k, j, start[k, j], growth[k, j]], 1)
+    for first in table.first:
+        step = slice(first[0], first[-1])
+        ends = np.concatenate([table.places[step], table.weights[step]], 1)
         ends = np.pad(ends, ((0, -len(ends) % _PACK_SIZE), (0, 0)))
         packs.append(ends.reshape(-1, _PACK_SIZE, 4).transpose(0, 2, 1))
         counts.append(len(packs[-1]))
-        start = stop
     return np.concatenate(packs).astype(np.float32), np.cumsum(counts) - counts, np.array(counts)
 
 

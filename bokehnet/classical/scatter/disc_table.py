@@ -22,7 +22,15 @@ import numpy as np
 
 from bokehnet.kernels import njit
 
-__all__ = ["SMALLEST_RADIUS", "TABLE_RADIUS", "DiscTable", "disc_table", "find_step", "list_row"]
+__all__ = [
+    "SMALLEST_RADIUS",
+    "TABLE_RADIUS",
+    "DiscTable",
+    "disc_table",
+    "find_step",
+    "list_discs",
+    "list_row",
+]
 
 # A disc of at most half a pixel is inside its own pixel: spreading is the identity.
 SMALLEST_RADIUS = 0.5
@@ -97,7 +105,7 @@ def list_row(radius, k, farthest, start, places, weights):
 
 
 class DiscTable(NamedTuple):
-    """Ends of all discs up to ``TABLE_RADIUS``; within a step the weights are linear in the radius.
+    """Ends of the discs of a range of radii; within a step the weights are linear in the radius.
 
     Attributes:
         radii: Radius at which step i starts, (n + 1,).
@@ -164,7 +172,11 @@ _FIRST_STEP = _step_number(SMALLEST_RADIUS)
 def disc_table() -> DiscTable:
     """Return the table; it is computed once."""
     numbers = np.arange(_FIRST_STEP, _step_number(TABLE_RADIUS) + 2, dtype=np.int32)
-    radii = (numbers << _STEP_BITS).view(np.float32).astype(np.float64) + _OFFSET
+    return list_discs((numbers << _STEP_BITS).view(np.float32).astype(np.float64) + _OFFSET)
+
+
+def list_discs(radii: np.ndarray) -> DiscTable:
+    """Return the ends of all discs between ascending radii in pixels, (n + 1,), each the start of a step."""
     steps, size = len(radii) - 1, math.ceil(radii[-1]) + 2
     first = np.empty((steps, size + 1), np.int32)
     places, weights = np.empty((steps * 4 * size, 2), np.int16), np.empty((steps * 4 * size, 2))

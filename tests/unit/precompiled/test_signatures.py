@@ -2,12 +2,23 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 from tools.kernel_library import read_signatures
 
 PACKAGE = Path(__file__).parents[3] / "bokehnet"
-ROOMS = ("arrays", "classical", "depth_repair", "effects", "light", "optics", "scene", "sequence")
+ROOMS = (
+    "arrays",
+    "classical",
+    "depth_repair",
+    "effects",
+    "light",
+    "onnx_file",
+    "optics",
+    "scene",
+    "sequence",
+)
 
 # Adjoints and spans, which torch needs, and the surfaces of `trace --method peeled`: the first call compiles.
 WITH_TORCH = {
@@ -15,6 +26,9 @@ WITH_TORCH = {
     "disc_scatter.gather_discs",
     "disc_scatter.sum_from_end",
     "pixel_layers._merge",
+    "pyramid_lattices.gather_lattice",
+    "pyramid_merging.halve_gradient",
+    "pyramid_merging.split_gradients",
     "scanline_spans._list_disc",
 }
 
@@ -25,27 +39,42 @@ def decorated(node: ast.AST, words: tuple[str, ...]) -> bool:
     return any(word in ast.unparse(decorator) for decorator in decorators for word in words)
 
 
+@cache
+def body_of(path: Path) -> list[ast.stmt]:
+    return ast.parse(path.read_text(encoding="utf-8")).body
+
+
+def kernels_of(path: Path) -> set[str]:
+    """Return the names of the kernels of a module."""
+    return {
+        node.name
+        for node in body_of(path)
+        if isinstance(node, ast.FunctionDef) and decorated(node, ("njit",))
+    }
+
+
 def called_kernels(path: Path) -> set[str]:
-    """Return the kernels of a module that its own Python functions call."""
-    body = ast.parse(path.read_text(encoding="utf-8")).body
-    kernels = {node.name for node in body if isinstance(node, ast.FunctionDef) and decorated(node, ("njit",))}
-    return kernels & {
+    """Return the kernels that the Python functions of a module call, as MODULE.KERNEL."""
+    kernels = {name: f"{path.stem}.{name}" for name in kernels_of(path)}
+    for node in body_of(path):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("bokehnet."):
+            source = PACKAGE.parent / f"{str(node.module).replace('.', '/')}.py"
+            imported = {item.name for item in node.names} & (kernels_of(source) if source.exists() else set())
+            kernels |= {name: f"{source.stem}.{name}" for name in imported}
+    called = {
         call.func.id
-        for node in body
+        for node in body_of(path)
         if isinstance(node, ast.FunctionDef | ast.ClassDef)
         and not decorated(node, ("jit", "intrinsic", "overload"))
         for call in ast.walk(node)
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
     }
+    return {full for name, full in kernels.items() if name in called}
 
 
 def test_kernels_that_python_calls_are_listed():
-    called = {
-        f"{path.stem}.{name}"
-        for room in ROOMS
-        for path in (PACKAGE / room).rglob("*.py")
-        for name in called_kernels(path)
-    }
+    paths = [path for room in ROOMS for path in (PACKAGE / room).rglob("*.py")]
+    called = {name for path in paths for name in called_kernels(path)}
     assert len(called) > 40
     assert called - {name for name, _ in read_signatures()} == WITH_TORCH
 
