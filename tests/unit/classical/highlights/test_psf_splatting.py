@@ -7,11 +7,8 @@ from bokehnet.classical.highlights.lights import add_lights
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.layered.march.defocus_bins import occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
-from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.aperture import Aperture
-
-CHARACTER = LensResponse(aberration_map=AberrationSliders(coma=2.0, field_curvature=1.0).aberration_map())
+from tests.unit.classical.aberrated_lenses import CHARACTER
 
 
 @pytest.mark.parametrize("lens_response", [None, CHARACTER])

@@ -11,12 +11,11 @@ from bokehnet.classical.layered.march.bundle_extents import BUNDLE, LEVELS, bund
 from bokehnet.classical.rays_renderer import pupil_pattern
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.sampling import sobol
+from tests.unit.classical.aberrated_lenses import GLASS
 
 SHAPE = (240, 320)
-GLASS = AberrationSliders(spherical=0.5, coma=2.0, astigmatism=1.0).aberration_map()
 RIMMED = AberrationMap(
     wavelengths=GLASS.wavelengths,
     transverse_aberration=GLASS.transverse_aberration,

@@ -8,10 +8,7 @@ from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.aberrations.sliders import AberrationSliders
-
-CHARACTER = LensResponse(aberration_map=AberrationSliders(coma=2.0, field_curvature=1.0).aberration_map())
+from tests.unit.classical.aberrated_lenses import CHARACTER
 
 
 def scene() -> tuple[np.ndarray, np.ndarray]:

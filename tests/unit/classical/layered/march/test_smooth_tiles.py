@@ -18,12 +18,11 @@ from bokehnet.classical.rays_renderer import pupil_pattern, rays
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.sampling import disc_from_square, sobol
+from tests.unit.classical.aberrated_lenses import GLASS
 
 HEIGHT, WIDTH, TOP, LEFT = 240, 320, 104, 152
-GLASS = AberrationSliders(spherical=0.5, coma=2.0, astigmatism=1.0).aberration_map()
 
 LENSES = {
     "sliders": LensResponse(aberration_map=GLASS),
