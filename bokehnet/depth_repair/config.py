@@ -57,7 +57,7 @@ class RepairConfig:
     noise_range: tuple[float, float] = (0.003, 0.075)
     min_softness: float = 0.25
     base_side_px: int = 1024
-    max_shift_px: int = 7
+    max_shift_px: int = BLOCK_PX
     min_certainty: float = 0.25
     agreement_window_blocks: int = 2
     agreement_prior: float = 150.0

@@ -21,7 +21,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MIN_EDGE_HEIGHT
 from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
@@ -45,7 +45,7 @@ _SIGMAS_PX = tuple(_SIGMA_RATIO**i for i in range(1, 9))
 _BLUR_SAMPLES = 4096
 
 # Radius of the Gaussian, in standard deviations.
-_GAUSSIAN_RADIUS = 3.5
+_GAUSSIAN_RADIUS = 3
 
 # Half width of a window, in standard deviations of the blur.
 _WINDOW_RADIUS = 2.0
@@ -56,9 +56,12 @@ _COLOR_VARIANCE = 1e-4
 # Number of van Cittert iterations.
 _ITERATIONS = 2
 
-# Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours,
-# Euclidean distance of three channels.
-MEDIAN_PASSES = ((7, 0.03), (4, 0.03), (2, 0.12))
+# Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours.
+MEDIAN_PASSES = (
+    (BLOCK_PX, COLOR_SIGMA / 2),
+    (BLOCK_PX // 2, COLOR_SIGMA / 2),
+    (BLOCK_PX // 4, 2 * COLOR_SIGMA),
+)
 
 # Distance up to which the weighted medians depend on a pixel, pixels.
 MEDIAN_HALO_PX = sum(radius for radius, _ in MEDIAN_PASSES)

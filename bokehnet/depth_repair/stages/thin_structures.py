@@ -66,7 +66,7 @@ _COLOR_DIFFERENCE = 0.02
 _MIN_CONTRAST_RATIO, _LIKELY_CONTRAST_RATIO = 20.0, 4.0
 
 # Likely lines: half width of the neighbourhood, pixels, and its minimum restored fraction.
-_NEIGHBOURHOOD_PX, _MIN_RESTORED = 64, 0.03
+_NEIGHBOURHOOD_PX, _MIN_RESTORED = 8 * BLOCK_PX, 0.03
 
 # Reduction of each half width when a line is drawn, pixels, because several traces may overlap.
 _INSET_PX = 0.25
