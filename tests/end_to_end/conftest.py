@@ -37,7 +37,7 @@ class Studio:
         self.process.wait(20)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")  # no longer: its event loop keeps other tests from their own
 def browser() -> Iterator[object]:
     """The distribution's Chromium, or playwright's own."""
     pytest.importorskip("starlette", reason="needs the extra studio")

@@ -7,8 +7,6 @@ import re
 import runpy
 import shutil
 import subprocess
-import threading
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -24,17 +22,13 @@ from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.render.renderer import BokehRenderer
 from tests.conftest import ROOT
+from tests.unit.onnx_file.browser import opened, program, served
 from tests.unit.onnx_file.running import decibels, picture, start, steps
 
 BLUR, FOCUS = 14.0, 0.4
-
-
-def program(*names):
-    """Path of the first of these programs that is installed; skip without any."""
-    result = next(filter(None, map(shutil.which, names)), None)
-    if result is None:
-        pytest.skip(f"needs {' or '.join(names)}, which is not installed")
-    return result
+# Compiles WebAssembly once: to optimise the runtime takes longer than to render these pictures without.
+WORDS = "--no-sandbox", "--js-flags=--liftoff-only"
+IMITATED_CARD = "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"
 
 
 @pytest.fixture(scope="module")
@@ -50,22 +44,20 @@ def packages(tmp_path_factory):
     return result
 
 
+def write_pair(folder, height, width):
+    """Write a photo and its disparity."""
+    disparity = steps(height, width, 1)
+    write_image(folder / "photo.png", picture(height, width))
+    write_map(folder / "disparity.png", (disparity - disparity.min()) / np.ptp(disparity))
+
+
 @pytest.fixture
 def folder(packages, tmp_path):
     """The page with a photo and its disparity."""
     shutil.copytree(packages, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("node_modules"))
     (tmp_path / "node_modules").symlink_to(packages / "node_modules")
-    disparity = steps(83, 110, 1)
-    write_image(tmp_path / "photo.png", picture(83, 110))
-    write_map(tmp_path / "disparity.png", (disparity - disparity.min()) / np.ptp(disparity))
+    write_pair(tmp_path, 83, 110)
     return tmp_path
-
-
-def served(folder, handler):
-    """A server of this folder."""
-    server = http.server.ThreadingHTTPServer(("localhost", 0), functools.partial(handler, directory=folder))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    return server
 
 
 @pytest.fixture
@@ -76,21 +68,24 @@ def address(folder):
     server.shutdown()
 
 
-@contextmanager
-def opened(*words):
-    """A page of headless Chromium, begun with further words."""
+@pytest.fixture(scope="module")
+def launched():
+    """Headless Chromium, begun once for all tests that give it the same further words."""
     playwright = pytest.importorskip("playwright.sync_api")
     chromium = program("chromium", "chromium-browser", "google-chrome")
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox", *words])
-        yield browser.new_page(accept_downloads=True)
-        browser.close()
+
+        @functools.cache
+        def launch(*words):
+            return started.chromium.launch(executable_path=chromium, args=[*WORDS, *words])
+
+        yield launch
 
 
 @pytest.fixture
-def page():
+def page(launched):
     """A page of headless Chromium."""
-    with opened() as result:
+    with opened(launched()) as result:
         yield result
 
 
@@ -208,9 +203,8 @@ def test_a_click_focuses_there(folder, address, page):
     page.locator("#result").click(position={"x": 5, "y": 5})
     page.wait_for_function(f"document.querySelector('[name=focus]').value != '{FOCUS}'")
     focus = float(page.input_value("[name=focus]"))
-    near = read_disparity(folder / "disparity.png")[
-        4:7, 4:7
-    ]  # the canvas may begin within a pixel of the screen
+    # the canvas may begin within a pixel of the screen
+    near = read_disparity(folder / "disparity.png")[4:7, 4:7]
     assert near.min() - 0.003 < focus < near.max() + 0.003
     picture = shown(page, folder)
     assert decibels(picture, wanted(folder, focus)) > 50
@@ -311,13 +305,13 @@ def test_a_browser_without_webassembly_is_reported(folder, address, page):
 
 
 @pytest.mark.slow
-def test_a_browser_without_threads_and_webgl_is_reported_and_renders(folder):
+def test_a_browser_without_threads_and_webgl_is_reported_and_renders(folder, launched):
     """Nothing adds the headers that threads need: neither the host nor, where they are blocked, a worker."""
     server = served(folder, http.server.SimpleHTTPRequestHandler)
     query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}"
     try:
-        with opened("--disable-gpu", "--disable-software-rasterizer") as first:
-            page = first.context.browser.new_context(service_workers="block").new_page()
+        browser = launched("--disable-gpu", "--disable-software-rasterizer")
+        with opened(browser, service_workers="block") as page:
             page.goto(f"http://localhost:{server.server_port}/?{query}")
             (folder / "saved.png").write_bytes(rendered(page)[1])
             message = page.inner_text("#notice")
@@ -368,20 +362,24 @@ def test_a_host_without_headers_gets_threads(folder, page):
 
 
 @pytest.mark.slow
-def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address):
-    """On the card that Chromium imitates by software, which is not taken if it draws another picture."""
+def test_the_picture_of_webgpu_equals_that_of_the_package(folder, address, launched):
+    """On the card that Chromium imitates by software, which is not taken if it draws another picture.
+
+    It is slow, so the picture is small.
+    """
+    write_pair(folder, 45, 60)
     query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}&provider=webgpu"
-    with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
+    with opened(launched(*IMITATED_CARD)) as page:
         page.goto(f"{address}/?{query}")
         page.wait_for_function("document.body.dataset.provider", timeout=100_000)
         assert page.evaluate("document.body.dataset.provider") == "webgpu", page.inner_text("#notice")
-        picture = shown(page, folder)
-    assert decibels(picture, wanted(folder, FOCUS)) > 50
+        result = shown(page, folder)
+    assert decibels(result, wanted(folder, FOCUS)) > 50
 
 
 @pytest.mark.slow
-def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address):
-    with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
+def test_a_software_graphics_card_is_skipped_with_a_notice(folder, address, launched):
+    with opened(launched(*IMITATED_CARD)) as page:
         page.goto(address)
         page.wait_for_function("document.body.dataset.provider", timeout=60_000)
         assert page.evaluate("document.body.dataset.provider") == "wasm"
