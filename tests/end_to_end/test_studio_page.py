@@ -14,6 +14,7 @@ import pytest
 
 from bokehnet.cli.app import run
 from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.io.image import write_image, write_map
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.settings import RenderSettings
@@ -456,8 +457,11 @@ def test_a_photo_without_depth_shows_a_notice_and_can_be_painted(browser, files,
         studio.end()
 
 
-def test_a_second_photo_replaces_looks_and_names_and_keeps_the_preset(browser, files, settle):
-    studio = Studio(files / "photo.png", "--disparity", files / "map.png", "--engine", "scatter")
+def test_a_second_photo_replaces_looks_and_names_and_keeps_the_preset(browser, tmp_path, settle):
+    """Of a small photo, as all presets are drawn twice."""
+    write_image(tmp_path / "photo.png", np.random.default_rng(5).random((40, 60, 3), np.float32))
+    write_map(tmp_path / "map.png", np.linspace(0, 1, 60, dtype=np.float32) * np.ones((40, 1), np.float32))
+    studio = Studio(tmp_path / "photo.png", "--disparity", tmp_path / "map.png", "--engine", "scatter")
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     try:
         page.goto(studio.address)
@@ -467,7 +471,7 @@ def test_a_second_photo_replaces_looks_and_names_and_keeps_the_preset(browser, f
         page.reload()
         page.wait_for_selector("body[data-presets]", timeout=THUMBNAILS)
         assert page.get_attribute("[data-preset=soft-focus]", "aria-selected") == "true"
-        picture = (files / "photo.png").read_bytes()
+        picture = (tmp_path / "photo.png").read_bytes()
         second = {"name": "second.png", "mimeType": "image/png", "buffer": picture}
         settle(page, lambda: page.set_input_files("#open", second))
         assert page.input_value("#out-name") == "second_bokeh.png"
