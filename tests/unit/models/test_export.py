@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -40,18 +42,32 @@ def random_networks(shape: str = "published") -> dict[str, ARNet | IUNet]:
     return networks
 
 
+@pytest.fixture(scope="module")
+def export_of(tmp_path_factory):
+    """Folder, networks, differences and renderer of each shape, exported once: that takes seconds."""
+
+    @cache
+    def export(shape: str) -> tuple:
+        folder = tmp_path_factory.mktemp("weights")
+        networks = random_networks(shape)
+        classical = "rays" if shape == "features" else "scatter"
+        facts = {"classical": classical, "notes": {"why": "test"}, "max_valid_radius": 26.0}
+        return folder, networks, export_networks(networks, folder, facts), classical
+
+    return export
+
+
 @pytest.fixture(scope="module", params=SHAPES)
-def exported(tmp_path_factory, request):
-    folder = tmp_path_factory.mktemp("weights")
-    networks = random_networks(request.param)
-    classical = "rays" if request.param == "features" else "scatter"
-    differences = export_networks(networks, folder, {"classical": classical, "notes": {"why": "test"}})
-    return folder, networks, differences, classical
+def exported(export_of, request):
+    return export_of(request.param)
 
 
-def test_networks_that_need_features_behind_the_scatter_are_refused_in_one_line(tmp_path):
+def test_networks_that_need_features_behind_the_scatter_are_refused_in_one_line(export_of, tmp_path):
     """The scatter provides none; ONNX Runtime would complain about a rank at the first picture."""
-    export_networks({"arnet": random_networks("features")["arnet"]}, tmp_path, {"classical": "scatter"})
+    shutil.copytree(export_of("features")[0], tmp_path, dirs_exist_ok=True)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    del manifest["networks"]["iunet"]
+    (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "classical": "scatter"}))
     with pytest.raises(ModelFileError, match="networks without the input features"):
         load_networks(tmp_path, "scatter")
 
@@ -102,10 +118,9 @@ def test_manifest_holds_the_hash_of_each_file(exported):
     assert manifest["notes"] == {"why": "test"}
 
 
-def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
+def test_manifests_and_networks_of_earlier_versions_still_load(export_of, tmp_path):
     """Format 1 with the old keys, and ONNX files whose input is called hints."""
-    networks = random_networks("features")
-    export_networks(networks, tmp_path, {"classical": "rays", "max_valid_radius": 26.0})
+    shutil.copytree(export_of("features")[0], tmp_path, dirs_exist_ok=True)
     expected = load_networks(tmp_path, "rays")
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     manifest["unit"] = manifest.pop("network_max_radius")
