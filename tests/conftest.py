@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -27,7 +28,7 @@ SHARED = Path(os.environ.get("BOKEHNET_SHARED", ROOT.parent / "shared"))
 FULL_TIER = ("end_to_end", "golden", "hosts", "processes", "reference")
 
 # Fixtures that start interpreters: their tests are slow.
-PROCESS_FIXTURES = {"built", "cli_process", "cluster", "python_process", "warm"}
+PROCESS_FIXTURES = {"built", "cli_process", "python_process", "start_cluster", "warm"}
 
 _TORCH_IMPORT = re.compile(
     r"^\s*(?:import|from) "
@@ -222,15 +223,29 @@ def write_red_network() -> Callable[[Path], None]:
     return write
 
 
-@pytest.fixture
-def cluster(monkeypatch):
-    """Start a Ray head without cores, so that the workers that tests add do all work."""
+@pytest.fixture(scope="session")
+def start_cluster():
+    """Context of a Ray cluster whose first node, and only one at its start, has that many cores."""
     ray = pytest.importorskip("ray", reason="needs the extra cluster")
     from ray.cluster_utils import Cluster
 
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    head = {"num_cpus": 0, "include_dashboard": False}
-    started = Cluster(initialize_head=True, head_node_args=head, connect=False)
-    yield started
-    ray.shutdown()
-    started.shutdown()
+    @contextmanager
+    def start(cores: int):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+            head = {"num_cpus": cores, "include_dashboard": False}
+            started = Cluster(initialize_head=True, head_node_args=head, connect=False)
+            try:
+                yield started
+            finally:
+                ray.shutdown()
+                started.shutdown()
+
+    return start
+
+
+@pytest.fixture
+def cluster(start_cluster):
+    """Start a Ray cluster of one core, for one more node that is killed: each node costs four seconds."""
+    with start_cluster(1) as started:
+        yield started

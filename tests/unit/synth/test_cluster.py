@@ -15,14 +15,14 @@ def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_p
     """Authority: the bytes that a single process writes for the same seed."""
     config = load_config("configs/synth_tiny.toml", SynthConfig)
     config = dataclasses.replace(config, scenes=8, scenes_per_shard=2, bokeh_samples=16)
-    workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
+    worker = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     killed = []
 
     def kill(done, total):
         if done == 3 and not killed:
-            assert len([node for node in ray.nodes() if node["Alive"]]) == 3
-            cluster.remove_node(workers[0], allow_graceful=False)
+            assert len([node for node in ray.nodes() if node["Alive"]]) == 2
+            cluster.remove_node(worker, allow_graceful=False)
             killed.append(done)
 
     write_dataset(config, tmp_path / "cluster", progress=kill, cluster=cluster.address)
@@ -37,15 +37,16 @@ def test_set_made_while_a_worker_is_killed_is_that_of_one_machine(cluster, tmp_p
 
 
 @pytest.mark.slow
-def test_errors_of_a_scene_and_of_the_cluster_are_reported_in_one_line(cluster, tmp_path):
+def test_errors_of_a_scene_and_of_the_cluster_are_reported_in_one_line(start_cluster, tmp_path):
     config = load_config("configs/synth_tiny.toml", SynthConfig)
-    with pytest.raises(ParameterError, match="workers with cores"):
-        write_dataset(config, tmp_path / "none", cluster=cluster.address)
-    cluster.add_node(num_cpus=1)
-    cluster.wait_for_nodes()
-    scene = dataclasses.replace(config.scene, photographs=("nothing",))
-    with pytest.raises(ParameterError, match=r"photographs: .*got 'nothing'"):
-        write_dataset(dataclasses.replace(config, scene=scene), tmp_path / "bad", cluster=cluster.address)
+    with start_cluster(0) as cluster:
+        with pytest.raises(ParameterError, match="workers with cores"):
+            write_dataset(config, tmp_path / "none", cluster=cluster.address)
+        cluster.add_node(num_cpus=1)
+        cluster.wait_for_nodes()
+        scene = dataclasses.replace(config.scene, photographs=("nothing",))
+        with pytest.raises(ParameterError, match=r"photographs: .*got 'nothing'"):
+            write_dataset(dataclasses.replace(config, scene=scene), tmp_path / "bad", cluster=cluster.address)
 
 
 @pytest.mark.slow

@@ -1,5 +1,9 @@
-"""Small training runs in processes of their own."""
+"""Small training runs, in processes of their own or in this one."""
 
+import contextlib
+import importlib
+import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -32,8 +36,15 @@ def arguments(name: str, data: Path, out: Path, steps: int, **values: object) ->
 
 
 def start(line: list[str]) -> subprocess.Popen:
-    """Start a run; its output is read by ``communicate``."""
-    return subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """Start a run on one thread, as runs in this process have; its output is read by ``communicate``."""
+    return subprocess.Popen(
+        line,
+        cwd=ROOT,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def finish(line: list[str]) -> str:
@@ -41,4 +52,25 @@ def finish(line: list[str]) -> str:
     process = start(line)
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
+    return errors
+
+
+def end_here(line: list[str]) -> tuple[object, str]:
+    """Run the line in this process, which starts sooner; its exit code, and what it said on stderr.
+
+    As in ``sys.exit``, a text as the code stands for 1 and a line on stderr.
+    """
+    assert line[:2] == [sys.executable, "-m"]
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
+        try:
+            importlib.import_module(line[2]).main(line[3:])
+        except SystemExit as end:
+            return end.code or 0, errors.getvalue()
+    return 0, errors.getvalue()
+
+
+def finish_here(line: list[str]) -> str:
+    """Run to the end in this process and return what it said on stderr."""
+    code, errors = end_here(line)
+    assert code == 0, (code, errors)
     return errors

@@ -6,6 +6,7 @@
 import multiprocessing
 import os
 import signal
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -114,5 +115,9 @@ def run(config: ToyRun, out: Path, device: torch.device, max_minutes: float) -> 
     )
 
 
+def main(arguments: Sequence[str] | None = None) -> None:
+    run_command(__doc__, ToyRun, run, arguments)
+
+
 if __name__ == "__main__":
-    run_command(__doc__, ToyRun, run)
+    main()

@@ -88,7 +88,7 @@ def test_no_cluster_there_is_one_line(cli, scene, tmp_path):
 def test_a_picture_on_a_cluster_is_that_of_one_process_though_a_worker_is_killed(
     cli, cluster, scene, tmp_path, monkeypatch
 ):
-    workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
+    worker = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     from bokehnet.cli.trace import cluster_tiles
 
@@ -96,7 +96,7 @@ def test_a_picture_on_a_cluster_is_that_of_one_process_though_a_worker_is_killed
 
     def kill():
         arrived.wait()
-        cluster.remove_node(workers[0], allow_graceful=False)
+        cluster.remove_node(worker, allow_graceful=False)
         killed.set()
 
     threading.Thread(target=kill, daemon=True).start()

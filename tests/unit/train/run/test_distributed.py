@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.run.test_resume import wait_for
-from tests.unit.train.runs import ROOT, arguments, finish, start
+from tests.unit.train.runs import ROOT, arguments, finish, finish_here, start
 from tests.unit.train.toy_run import Pairs
 from train.recipe_steps.jobs import call
 from train.run.distributed import Processes, joined
@@ -91,7 +91,7 @@ def test_a_numbered_gpu_is_refused_behind_torchrun(monkeypatch):
 def whole(tmp_path_factory) -> Path:
     """Folder of a toy run on one process."""
     out = tmp_path_factory.mktemp("toy") / "one"
-    finish(toy(out))
+    finish_here(toy(out))
     return out
 
 
@@ -115,7 +115,7 @@ def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(whole, tm
     assert process.returncode != 0
     assert errors.count("stopped at step 6 of 12; run the same command again to resume") == 1
     assert load_checkpoint(tmp_path / "cut/last.pt")["step"] == 6
-    finish(line)
+    finish_here(line)
     assert largest_difference(whole, tmp_path / "cut") < 2e-6
 
 
@@ -123,7 +123,7 @@ def test_a_kill_of_one_process_stops_both_and_the_run_goes_on_with_one(whole, tm
 def test_the_time_limit_stops_both_without_an_error(tmp_path):
     line = [*toy(tmp_path / "run"), "--max-minutes", "0"]
     assert "stopped at step 1 of 12" in finish(twice(line))
-    assert "stopped at step 2 of 12" in finish(line)
+    assert "stopped at step 2 of 12" in finish_here(line)
 
 
 @pytest.mark.train
@@ -156,7 +156,7 @@ def test_arnet_trains_on_two_processes_as_on_one(tiny_prepared, tmp_path, monkey
     monkeypatch.chdir(ROOT)
     values = {"data.batch_size": 4, "optim.log_every": 1}
     line = arguments("arnet", tiny_prepared, tmp_path / "one", 8, **values)
-    finish(line)
+    finish_here(line)
     call(["python", *arguments("arnet", tiny_prepared, tmp_path / "two", 8, **values)[1:]], processes=2)
     one, two = curve(tmp_path / "one", "loss/sum"), curve(tmp_path / "two", "loss/sum")
     assert len(one) == len(two) == 8

@@ -9,7 +9,7 @@ from bokehnet.config import load_config
 from bokehnet.errors import ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.run.test_distributed import curve, largest_difference, toy
-from tests.unit.train.runs import finish
+from tests.unit.train.runs import finish_here
 from tests.unit.train.toy_run import ToyRun, run
 from train.run.ray_train import train_on_ray
 from train.run.stopping import Stopped
@@ -27,11 +27,10 @@ def config_of(folder: Path, **values) -> ToyRun:
     return load_config(folder / "toy.toml", ToyRun, settings)
 
 
-@pytest.fixture
-def two_workers(cluster):
-    cluster.add_node(num_cpus=2)
-    cluster.wait_for_nodes()
-    return cluster
+@pytest.fixture(scope="module")
+def two_workers(start_cluster):
+    with start_cluster(2) as cluster:
+        yield cluster
 
 
 @pytest.mark.slow
@@ -40,7 +39,7 @@ def test_a_killed_worker_leaves_curve_and_weights_as_they_are(two_workers, tmp_p
     """Authority: the same configuration in one process without an accident."""
     cluster = two_workers
     settings = {"optim__checkpoint_every": 2}
-    finish(toy(tmp_path / "one", **settings))
+    finish_here(toy(tmp_path / "one", **settings))
     out, config = tmp_path / "two", config_of(tmp_path, kill_step=5, **settings)
     train_on_ray(run, config, out, CPU, 60, cluster.address)
     assert (out / "killed").exists()

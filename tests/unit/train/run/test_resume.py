@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from bokehnet.models.checkpoint import load_checkpoint, load_network
-from tests.unit.train.runs import arguments, finish, start
+from tests.unit.train.runs import arguments, end_here, finish_here, start
 
 pytestmark = pytest.mark.train
 
@@ -32,7 +32,7 @@ def assert_same_weights(a: Path, b: Path) -> None:
 
 def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_prepared, tmp_path):
     """SIGKILL at an arbitrary step, then SIGTERM; the last start reaches the end."""
-    finish(arguments("arnet", tiny_prepared, tmp_path / "whole", STEPS))
+    finish_here(arguments("arnet", tiny_prepared, tmp_path / "whole", STEPS))
     out = tmp_path / "killed"
     line = arguments("arnet", tiny_prepared, out, STEPS)
     seen = 0.0
@@ -43,7 +43,7 @@ def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_prepare
         process.communicate(timeout=60)
         seen = (out / "last.pt").stat().st_mtime
         assert load_checkpoint(out / "last.pt")["step"] <= STEPS
-    finish(line)
+    finish_here(line)
     assert_same_weights(tmp_path / "whole/last.pt", out / "last.pt")
 
 
@@ -52,9 +52,9 @@ def test_iunet_trains_behind_arnet_and_both_export(tiny_prepared, tmp_path):
     from bokehnet.models.onnx_export import export_networks
     from bokehnet.render.renderer import BokehRenderer
 
-    finish(arguments("arnet", tiny_prepared, tmp_path / "a", 4))
+    finish_here(arguments("arnet", tiny_prepared, tmp_path / "a", 4))
     arnet = tmp_path / "a/last.pt"
-    finish(arguments("iunet", tiny_prepared, tmp_path / "i", 4, arnet=f'"{arnet}"'))
+    finish_here(arguments("iunet", tiny_prepared, tmp_path / "i", 4, arnet=f'"{arnet}"'))
     networks = {name: load_network(tmp_path / name[0] / "last.pt", name) for name in ("arnet", "iunet")}
     export_networks(networks, tmp_path / "weights", {"classical": "rays"})
     BokehRenderer("hybrid", weights=tmp_path / "weights")
@@ -63,17 +63,20 @@ def test_iunet_trains_behind_arnet_and_both_export(tiny_prepared, tmp_path):
 
 def test_mistakes_are_one_line(tiny_prepared, tmp_path):
     line = arguments("arnet", tiny_prepared, tmp_path / "a", 2)
-    finish(line)
+    finish_here(line)
 
-    def error_of(arguments: list[str]) -> str:
-        process = start(arguments)
-        _, errors = process.communicate(timeout=120)
-        assert process.returncode == 1
-        return errors.strip()
-
-    other = error_of([*line, "--set", "optim.learning_rate=0.1"])
+    process = start([*line, "--set", "optim.learning_rate=0.1"])
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    other = errors.strip()
     assert "optim.learning_rate = 0.0005, but 0.1 was requested" in other
     assert other.count("\n") == 0
+
+    def error_of(arguments: list[str]) -> str:
+        code, _ = end_here(arguments)
+        assert isinstance(code, str)
+        return code
+
     assert "unknown key 'optim.speed'; valid keys" in error_of([*line, "--set", "optim.speed=3"])
     missing = error_of(arguments("iunet", tiny_prepared, tmp_path / "i", 2, arnet='"nowhere.pt"'))
     assert "no checkpoint at nowhere.pt" in missing

@@ -39,7 +39,7 @@ def shot(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cli, cluster, shot):
-    workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
+    worker = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     killed = threading.Event()
 
@@ -47,7 +47,7 @@ def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cl
         while not (shot / "ray.0001.png").exists():
             if killed.wait(0.05):
                 return
-        cluster.remove_node(workers[0], allow_graceful=False)
+        cluster.remove_node(worker, allow_graceful=False)
         killed.set()
 
     thread = threading.Thread(target=kill)
