@@ -6,7 +6,7 @@ the comments are theirs unless another source is named. Lengths are pixels of th
 
 from dataclasses import dataclass
 
-__all__ = ["BLOCK_PX", "COLOR_SIGMA", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
+__all__ = ["BLOCK_PX", "COLOR_SIGMA", "MAX_SAMPLES", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
 
 # Stages that can be switched off, in the order of their work.
 STAGES = (
@@ -27,6 +27,9 @@ COLOR_SIGMA = 0.06
 
 # Minimum height of a depth edge, as a fraction of the range of the map.
 MIN_EDGE_HEIGHT = 0.05
+
+# Approximate number of evenly spaced edge pixels from which a quantity of the whole map is estimated.
+MAX_SAMPLES = 2000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

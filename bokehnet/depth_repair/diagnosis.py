@@ -15,7 +15,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MAX_SAMPLES, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.edge_profile import sample_edges
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
 from bokehnet.depth_repair.stages.thin_growth import thin_fraction
@@ -33,9 +33,8 @@ _NORMAL_MEDIAN, _NORMAL_QUARTILE = (NormalDist().inv_cdf((1 + rank) / 2) for ran
 # fraction of the range. Accurate maps by plane sweep have up to 0.0053 of detail, maps of networks 0.0002.
 _DETAIL_BLOCK_PX, _SHARED_FACTOR, _MIN_SHARED_NOISE = BLOCK_PX // 2, 1.8, 0.008
 
-# Maximum number of edge pixels in the profiles of the whole map, and their scales: edges of coarse maps are
-# scattered around those of the picture.
-_MAX_EDGES, _SCALES = 4000, (1, 2, 3)
+# Scales of the profiles of the whole map: edges of coarse maps are scattered around those of the picture.
+_SCALES = (1, 2, 3)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,7 +118,7 @@ def diagnose(
         softness: Fraction of soft edges of the input.
         config: Numbers of the repair.
     """
-    profiles = [sample_edges(image, disparity, _MAX_EDGES, scale=scale).profile() for scale in _SCALES]
+    profiles = [sample_edges(image, disparity, MAX_SAMPLES, scale=scale).profile() for scale in _SCALES]
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     candidates, growth = [placement], -round(profiles[0].offset)
     if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:

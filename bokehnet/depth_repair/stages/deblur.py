@@ -21,7 +21,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MAX_SAMPLES, MIN_EDGE_HEIGHT
 from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
@@ -40,9 +40,6 @@ __all__ = [
 # smallest one means that the map is not soft.
 _SIGMA_RATIO = 1.25
 _SIGMAS_PX = tuple(_SIGMA_RATIO**i for i in range(1, 9))
-
-# Approximate number of pixels at which the blur is estimated.
-_BLUR_SAMPLES = 4096
 
 # Radius of the Gaussian, in standard deviations.
 _GAUSSIAN_RADIUS = 3
@@ -139,7 +136,7 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     """Return the Gaussian blur that best maps a repaired map to the input.
 
     The mean square root of the residuals is robust: a few wrong pixels have little weight. It is computed at
-    about 4000 evenly spaced pixels and minimised over fixed candidates with a parabola through the best
+    about 2000 evenly spaced pixels and minimised over fixed candidates with a parabola through the best
     three.
 
     Args:
@@ -150,7 +147,7 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     ys, xs = np.nonzero(soft)
     if len(ys) == 0:
         return BlurEstimate(0.0, 0.0)
-    stride = -(-len(ys) // _BLUR_SAMPLES)
+    stride = -(-len(ys) // MAX_SAMPLES)
     ys, xs = ys[::stride], xs[::stride]
     mean_roots, residuals = [], np.empty(len(ys), np.float32)
     for sigma in _SIGMAS_PX:

@@ -19,14 +19,14 @@ from itertools import product
 
 import numpy as np
 
-from bokehnet.depth_repair.config import RepairConfig
+from bokehnet.depth_repair.config import MAX_SAMPLES, RepairConfig
 from bokehnet.depth_repair.edge_profile import STANDARD_ERRORS, EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
 __all__ = ["NO_PLACEMENT", "Placement", "find_placement", "verified"]
 
-# Maximum number of edge pixels in the search, and spacing of its coarse grid of translations, pixels.
-_MAX_EDGES, _STRIDE_PX = 2000, 2
+# Spacing of the coarse grid of translations, pixels.
+_STRIDE_PX = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,7 +60,7 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
         disparity: Map with sharp edges, (H, W), any unit.
         config: Numbers of the repair.
     """
-    edges = sample_edges(image, disparity, _MAX_EDGES)
+    edges = sample_edges(image, disparity, MAX_SAMPLES)
     if not len(edges.weights):
         return NO_PLACEMENT
     reach = range(-config.max_shift_px, config.max_shift_px + 1)
@@ -119,7 +119,7 @@ def verified(
     agreements = {}
     for size in range(int(pixels / math.sqrt(2)), pixels + 1):
         growth = int(math.copysign(size, placement.growth))
-        agreements[growth] = sample_edges(image, shift_edges(moved, growth), _MAX_EDGES).agreement()
+        agreements[growth] = sample_edges(image, shift_edges(moved, growth), MAX_SAMPLES).agreement()
     best, tolerance = max(agreements.values())
     growth = min((g for g, (mean, _) in agreements.items() if mean >= best - tolerance), key=abs)
     agreement, error = agreements[growth]
