@@ -491,24 +491,3 @@ def test_earlier_names_of_keywords_still_work(tmp_path, store):
     for name in ("before.exr", "image.exr"):
         channels = read_channels(tmp_path / name)
         assert all(np.array_equal(channels[key][1], expected[key][1]) for key in expected)
-
-
-@pytest.mark.parametrize("name", ["ink.jpg", "ink.tif"])
-def test_inks_without_a_profile_are_noted(tmp_path, name):
-    """Authority: Pillow, which writes CMYK."""
-    image = pytest.importorskip("PIL.Image")
-    image.fromarray(np.full((8, 12, 3), 90, np.uint8)).convert("CMYK").save(tmp_path / name)
-    assert any("CMYK" in note for note in read_frame(tmp_path / name).notes)
-
-
-@pytest.mark.parametrize(
-    ("name", "size", "noted"), [("two.tif", 1, True), ("two.webp", 1, True), ("thumb.tif", 4, False)]
-)
-def test_further_pages_are_noted_and_thumbnails_are_not(tmp_path, name, size, noted):
-    """Authority: Pillow, which writes the pages; a smaller page is a thumbnail."""
-    image = pytest.importorskip("PIL.Image", reason="needs Pillow")
-    first, second = (image.new("RGB", (48 // part, 32 // part), (40 * part, 90, 20)) for part in (1, size))
-    if size == 1:
-        second.paste((200, 10, 10), (4, 4, 20, 20))
-    first.save(tmp_path / name, save_all=True, append_images=[second])
-    assert any("only the first" in note for note in read_frame(tmp_path / name).notes) == noted

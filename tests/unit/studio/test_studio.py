@@ -1,20 +1,17 @@
-"""Pictures of the studio: previews equal the renderer's pictures, exports the command line's bytes."""
+"""Pictures and state of the studio: previews equal the renderer's pictures."""
 
 import dataclasses
-import shlex
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bokehnet.cli.app import run
-from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.errors import RenderCancelled
 from bokehnet.inference import model_download
 from bokehnet.io.color.color_space import SRGB
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.io.image import read_image, write_image, write_map
+from bokehnet.io.image import write_image, write_map
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import read_scene
 from bokehnet.settings.preset import load_preset, presets
@@ -24,10 +21,8 @@ from bokehnet.studio import session as studio_session
 from bokehnet.studio.opened import Region
 from bokehnet.studio.panels.help_texts import HELP_TEXTS, LABELS
 from bokehnet.studio.panels.panels import is_path, panels
-from bokehnet.studio.panels.wording import command_line, python_lines
 from bokehnet.studio.preview.display import to_rgba
 from bokehnet.studio.preview.preview import Canvas
-from bokehnet.studio.strokes import Stroke, painted
 
 from .conftest import SIZE
 
@@ -211,64 +206,6 @@ def test_texts_of_the_page_belong_to_settings():
     assert (HELP_TEXTS | LABELS).keys() <= all_settings().keys()
 
 
-LOOKS = {
-    "plain": {},
-    "shape": {"aperture": {"blades": 6, "curvature": 0.25, "cats_eye": 0.5}},
-    "glass": {"lens": {"coma": -2.0, "spherical": 1.5, "vignetting": False}},
-    "light": {"highlights": {"threshold": 0.8, "gain": 4.0}, "effects": {"vignette": 0.7}},
-    "tilt": {"focus": {"value": 0.4, "tilt_x": -20.0}, "engine": {"name": "scatter"}},
-    "file": {"output": {"bits": "16", "dither": "off"}, "depth": {"mixed": "on"}},
-}
-
-
-@pytest.mark.parametrize("look", LOOKS)
-def test_an_export_has_the_bytes_of_the_shown_command(client, opened, exported, tmp_path, monkeypatch, look):
-    client.post("api/change", json={"changes": LOOKS[look]})
-    words = client.post("api/words", json={"name": "out.png"}).json()
-    monkeypatch.chdir(tmp_path)
-    assert run([*shlex.split(words["command"])[1:], "-q"]) == 0
-    result = (tmp_path / "out.png").read_bytes()
-    assert exported("out.png") == result
-    (tmp_path / "out.png").unlink()
-    exec(words["python"], {})
-    assert (tmp_path / "out.png").read_bytes() == result
-
-
-def test_an_export_of_a_painted_map_has_the_bytes_of_its_command(
-    client, opened, exported, tmp_path, monkeypatch
-):
-    stroke = {"effect": "farther", "points": [[0.5, 0.5], [0.6, 0.6]], "radius": 0.1, "strength": 0.5}
-    assert client.post("api/stroke", json={"stroke": stroke}).json()["strokes"] == 1
-    client.post("api/stroke", json={"stroke": stroke | {"effect": "sharp", "points": [[0.1, 0.1]]}})
-    words = client.post("api/words", json={"name": "out.png"}).json()
-    (tmp_path / words["map"]).write_bytes(client.get("api/map").content)
-    monkeypatch.chdir(tmp_path)
-    assert run([*shlex.split(words["command"])[1:], "-q"]) == 0
-    assert exported("out.png") == (tmp_path / "out.png").read_bytes()
-
-
-def test_words_say_every_value_that_was_set():
-    values = {
-        "focus": {"plane": [[1, 2], [30, 4], [5, 60]]},
-        "camera": {"blur": 0.1 + 0.2},
-        "lens": {"vignetting": False, "coma": -1.0},
-        "aperture": {"blades": 5},
-        "color": {"lateral": 1.0, "equaliser": [1.0, 0.5]},
-    }
-    settings = RenderSettings().updated(values)
-    command = command_line("a b.jpg", "out.png", settings)
-    for part in (
-        "'a b.jpg'",
-        "--focus-plane 1,2 30,4 5,60",
-        "--blur 0.30000000000000004",
-        "--no-lens-vignetting",
-    ):
-        assert part in command
-    assert "--coma=-1.0" in command
-    assert "--equaliser 1.0,0.5" in command
-    compile(python_lines("a.jpg", "b.png", settings), "words", "exec")
-
-
 def test_a_look_is_saved_as_a_preset_that_the_command_line_takes(client, opened, tmp_path):
     client.post("api/change", json={"changes": {"aperture": {"blades": 7}, "highlights": {"gamma": 1.5}}})
     path = tmp_path / "mine.toml"
@@ -391,14 +328,6 @@ def test_a_new_picture_keeps_the_preset_and_drops_the_export(client, opened, exp
     assert state["preset"] == "soft-focus"
     assert state["settings"]["lens"] == client.get("api/state").json()["settings"]["lens"] != {}
     assert state["jobs"]["export"]["state"] == "idle"
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"), [("a.JPG", "a_bokeh.jpg"), ("a.png", "a_bokeh.png"), ("a.heic", "a_bokeh.jpg")]
-)
-def test_an_export_has_the_format_of_the_picture(opened, name, expected):
-    session_name = f"{name[0]}_bokeh{type(opened.opened)(Path(name), opened.opened.scene).export_suffix}"
-    assert session_name == expected
 
 
 def test_a_thumbnail_is_rendered_once_per_picture_and_settings(client, opened, monkeypatch):
@@ -529,84 +458,6 @@ def test_an_exr_with_depth_opens_with_its_own(client, session, tmp_path, write_c
     assert state["settings"]["camera"]["focal_length"] == 50
 
 
-# ---- the brush
-
-FLAT = np.full((40, 60), 0.5, np.float32)
-GREY = np.full((40, 60, 3), 0.3, np.float32)
-
-
-@pytest.mark.parametrize(("effect", "sign"), [("nearer", 1), ("farther", -1)])
-def test_nearer_raises_disparity_by_the_strength(effect, sign):
-    values = np.tile(np.linspace(0.25, 0.75, 60, dtype=np.float32), (40, 1))
-    stroke = Stroke(effect=effect, points=((0.5, 0.5),), radius=0.1, strength=0.2)
-    moved = painted(values, GREY, [stroke]) - values
-    assert moved[20, 30] == pytest.approx(sign * 0.2 * 0.5, abs=1e-6)  # of the map's range
-    assert (moved[0] == 0).all()
-
-
-def test_same_takes_the_depth_where_the_stroke_begins():
-    values = FLAT.copy()
-    values[:, 30:] = 0.9
-    stroke = Stroke(effect="same", points=((0.9, 0.5), (0.1, 0.5)), radius=0.05)
-    result = painted(values, GREY, [stroke])
-    assert (result[20, 8:52] == np.float32(0.9)).all()
-    assert set(np.unique(result)) == {np.float32(0.5), np.float32(0.9)}  # no surface between the two
-
-
-def test_sharp_follows_the_focus_and_goes_last():
-    sharp = Stroke(effect="sharp", points=((0.5, 0.5),), radius=0.1)
-    nearer = Stroke(effect="nearer", points=((0.5, 0.5),), radius=0.1, strength=0.5)
-    for focus in (0.1, 0.7):
-        assert painted(FLAT, GREY, [sharp, nearer], focus)[20, 30] == np.float32(focus)
-
-
-def test_hidden_takes_the_depth_of_the_farthest_surface_around_the_stroke():
-    values = FLAT.copy()
-    values[:, :28] = 0.2
-    stroke = Stroke(effect="hidden", points=((0.5, 0.5),), radius=0.1)
-    result = painted(values, GREY, [stroke])
-    assert (result[16:24, 28:34] == np.float32(0.2)).all()
-    assert (result[:, 40:] == 0.5).all()
-    assert set(np.unique(result)) == {np.float32(0.2), np.float32(0.5)}
-
-
-def test_a_brush_that_heeds_edges_stops_at_them():
-    image = GREY.copy()
-    image[:, 32:] = 0.9
-    reports = {"effect": "nearer", "points": ((0.45, 0.5),), "radius": 0.15, "strength": 0.5}
-    heeding, heedless = (painted(FLAT, image, [Stroke(**reports, edges=edges)]) for edges in (True, False))
-    assert heeding[20, 27] > 0.6
-    assert (heeding[:, 32:] == 0.5).all()
-    assert heedless[20, 33] > 0.6
-
-
-def test_a_stroke_is_the_same_on_maps_of_any_size():
-    stroke = Stroke(effect="nearer", points=((0.3, 0.4), (0.6, 0.5)), radius=0.1, strength=0.5)
-    small = painted(FLAT, GREY, [stroke])
-    large = painted(
-        np.kron(FLAT, np.ones((4, 4), np.float32)), np.kron(GREY, np.ones((4, 4, 1), np.float32)), [stroke]
-    )
-    assert np.abs(large.reshape(40, 4, 60, 4).mean((1, 3)) - small).mean() < 0.005
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"radius": 0},
-        {"radius": 3},
-        {"points": []},
-        {"points": [[9, 9]]},
-        {"effect": "delete"},
-        {"strength": -1},
-        {"points": 3},
-    ],
-)
-def test_wrong_strokes_are_refused(wrong):
-    table = {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1} | wrong
-    with pytest.raises(ParameterError, match=r"^stroke"):
-        Stroke.from_table(table)
-
-
 def test_undo_and_redo(client, opened):
     dot = {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1}
     for _ in range(2):
@@ -622,8 +473,3 @@ def test_a_region_next_to_the_border_is_the_part_of_the_whole(opened):
     assert (part.image == opened.opened.scene.image[40:, 60:]).all()
     assert (part.window.x, part.window.display_width) == (60, SIZE[0])
     assert dataclasses.is_dataclass(part)
-
-
-def test_exported_pictures_can_be_read(client, opened, exported, tmp_path):
-    (tmp_path / "out.jpg").write_bytes(exported("out.jpg"))
-    assert read_image(tmp_path / "out.jpg").shape == (SIZE[1], SIZE[0], 3)
