@@ -201,7 +201,7 @@ def load_networks(
         engines = [spec.name for spec in ENGINES.values() if spec.networks and spec.classical == found]
         raise ModelFileError(
             f"{folder}: expected networks that correct the {classical}, found networks that correct the "
-            f"{found}; use --engine {' or '.join(engines)}"
+            f"{found}, for --engine {' or '.join(engines)}"
         )
     sees_features = arnet.sees_features or (iunet is not None and iunet.sees_features)
     if sees_features and not CLASSICAL[classical].traces_rays:

@@ -221,8 +221,8 @@ def test_weights_with_a_wrong_hash(fails, folder, random_weights):
 @pytest.mark.parametrize(
     ("engine", "networks", "words"),
     [
-        ("hybrid", "neural", ["correct the rays, found", "correct the scatter; use --engine neural or fast"]),
-        ("fast", "hybrid", ["correct the scatter, found", "correct the rays; use --engine hybrid"]),
+        ("hybrid", "neural", ["correct the rays, found", "correct the scatter, for --engine neural or fast"]),
+        ("fast", "hybrid", ["correct the scatter, found", "correct the rays, for --engine hybrid"]),
     ],
 )
 def test_networks_behind_another_renderer_are_refused(fails, engine, networks, words):
