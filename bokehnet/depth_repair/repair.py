@@ -36,7 +36,7 @@ from bokehnet.depth_repair.stages.deblur import (
     restore_blurred_detail,
     snap_soft_edges,
 )
-from bokehnet.depth_repair.stages.denoise import denoise_map
+from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
 from bokehnet.depth_repair.stages.enlarge import enlarge_changes
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement
 from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_edge_fraction, soft_mask
@@ -152,6 +152,8 @@ class DisparityRepair:
         noise *= is_noisy
         span = float(np.ptp(disparity))
         clean = denoise_map(image, disparity, noise * span) if is_noisy else disparity
+        if "denoise" in config.stages:
+            clean = without_outliers(image, clean, MIN_EDGE_HEIGHT * span)
         if plan is not None and mode == "auto" and not plan.repaired:
             return RepairedMap(
                 disparity=clean.copy(), repaired=False, reason="as most of the shot", plan=plan

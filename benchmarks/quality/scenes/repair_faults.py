@@ -86,6 +86,14 @@ def _noisy(values: np.ndarray, rng: np.random.Generator, *, deviation: float) ->
     return _with_noise(_morphology(values, rng, sizes=(-5,)), rng, deviation=deviation)
 
 
+def _speckled(values: np.ndarray, rng: np.random.Generator, *, fraction: float) -> np.ndarray:
+    """Return the map with soft edges and some wrong single pixels, as of stereo matching."""
+    result = _blurred(values, rng, sigma=2.5)
+    is_wrong = rng.random(values.shape) < fraction
+    result[is_wrong] = rng.uniform(values.min(), values.max(), int(is_wrong.sum()))
+    return result
+
+
 FAULTS: Mapping[str, Fault] = {
     "blurred": partial(_blurred, sigma=2.5),
     "eroded": partial(_morphology, sizes=(-5,)),
@@ -99,4 +107,5 @@ FAULTS: Mapping[str, Fault] = {
     "wide": _wide,
     "noisy": partial(_noisy, deviation=0.03),
     "noise": partial(_with_noise, deviation=0.08),
+    "speckled": partial(_speckled, fraction=0.002),
 }

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, minimum_filter, uniform_filter
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.diagnosis import noise_level
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.depth_repair.stages.denoise import denoise_map
+from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
 from bokehnet.optics.encoding import encode
 
 
@@ -85,6 +85,26 @@ def test_denoising_equals_two_joint_bilateral_filters():
             weight = np.exp(-0.5 * (color_distance + ((previous[window] - previous[y, x]) / deviation) ** 2))
             expected[y, x] = (weight * previous[window]).sum() / weight.sum()
     assert_allclose(denoise_map(image, disparity, 0.1), expected, atol=1e-5)
+
+
+def test_wrong_single_pixels_take_the_value_of_their_neighbours():
+    """Authority: the map without them; a lamp of one pixel, of a colour of its own, stays."""
+    image, disparity = scene()
+    wrong = disparity.copy()
+    wrong[5::16, 3::16] = 0.5
+    result = without_outliers(image, wrong, 0.05)
+    assert (np.abs(result - disparity) > 0.01).mean() < 0.2 * (np.abs(wrong - disparity) > 0.01).mean()
+    lamp = image.copy()
+    lamp[5, 3] = 1
+    assert without_outliers(lamp, wrong, 0.05)[5, 3] == np.float32(0.5)
+
+
+def test_nets_and_accurate_maps_have_no_wrong_pixels():
+    image, disparity = scene()
+    assert without_outliers(image, disparity, 0.05) is disparity
+    y, x = np.mgrid[:160, :224]
+    net = np.where((x % 3 == 0) & (y % 3 == 0), 0.9, 0.1).astype(np.float32)
+    assert without_outliers(image, net, 0.05) is net
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.03])
