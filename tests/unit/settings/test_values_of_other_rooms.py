@@ -23,9 +23,7 @@ from bokehnet.optics.focus_plane import check_tilt
 from bokehnet.optics.spectral.coating import COATINGS
 from bokehnet.optics.spectral.wavelength_sampling import DISPERSIONS, WavelengthSampling
 from bokehnet.optics.tone import Highlights, gamma_curve
-from bokehnet.settings.settings import (
-    all_settings,
-)
+from bokehnet.settings.settings import all_settings
 
 # What other rooms make of the fields.
 BELOW = {

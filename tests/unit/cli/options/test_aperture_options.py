@@ -136,7 +136,7 @@ def test_an_aperture_picture_without_light(fails, folder, value, words):
     fails([*SCATTER, "--aperture-image", "dark.exr"], "error: --aperture-image: expected", *words)
 
 
-def test_the_hybrid_takes_shapes_from_its_classical_half(folder, cli, random_weights):
+def test_an_engine_with_networks_takes_shapes_from_its_classical_half(folder, cli, random_weights):
     fast = [*WORDS, "--engine", "fast", "--weights", random_weights]
     assert cli(*fast, "--blades", 6, "-o", "six.exr").code == 0
     assert cli(*fast, "-o", "disc.exr").code == 0

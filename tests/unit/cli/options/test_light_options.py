@@ -57,7 +57,7 @@ def test_highlights_are_kept_by_exr_and_clipped_by_png(folder, cli):
         assert_allclose(read_image(name), expected, rtol=1e-3)
 
 
-def test_the_hybrid_takes_highlights(folder, cli, random_weights):
+def test_an_engine_with_networks_takes_highlights(folder, cli, random_weights):
     fast = [*WORDS, "--engine", "fast", "--weights", random_weights]
     assert cli(*fast, "--highlights", 0.7, "-o", "out.exr", "--save-maps", "maps").code == 0
     assert cli(*SCATTER, "--highlights", 0.7, "-o", "scatter.png").code == 0
@@ -115,7 +115,7 @@ def test_a_mistake_is_reported_with_the_name_of_the_option(fails, options, words
     fails([*SCATTER, *options], *words)
 
 
-def test_gamma_is_beyond_the_hybrid(fails, random_weights):
+def test_gamma_is_beyond_networks(fails, random_weights):
     fast = [*WORDS, "--engine", "fast", "--weights", random_weights]
     fails(
         [*fast, "--gamma", 2.2, "--save-maps", "maps"],

@@ -131,7 +131,7 @@ def test_a_blur_larger_than_the_picture_is_fine(folder, cli, random_weights, eng
     assert before.min() <= classical.min() <= classical.max() <= before.max()
 
 
-def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, random_weights):
+def test_an_engine_with_networks_writes_what_the_renderer_gives_and_all_maps(folder, cli, random_weights):
     """Oracle: BokehRenderer, which has its own tests, called directly."""
     fast = ("--engine", "fast", "--weights", random_weights, "--save-maps", "deep/maps")
     outcome = cli(*RELATIVE, "--blur", 6, "--focus", 0.4, "-o", "out.exr", *fast, "-q")
