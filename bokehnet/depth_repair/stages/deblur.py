@@ -54,7 +54,11 @@ _COLOR_VARIANCE = 1e-4
 _ITERATIONS = 2
 
 # Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours.
-MEDIAN_PASSES = ((BLOCK_PX, COLOR_SIGMA / 2), (BLOCK_PX // 4, 2 * COLOR_SIGMA))
+MEDIAN_PASSES = (
+    (BLOCK_PX, COLOR_SIGMA / 2),
+    (BLOCK_PX // 2, COLOR_SIGMA / 2),
+    (BLOCK_PX // 4, 2 * COLOR_SIGMA),
+)
 
 # Distance up to which the weighted medians depend on a pixel, pixels.
 MEDIAN_HALO_PX = sum(radius for radius, _ in MEDIAN_PASSES)
@@ -284,7 +288,7 @@ def snap_soft_edges(image: np.ndarray, disparity: np.ndarray, soft: np.ndarray, 
     """Return the map with weighted medians at soft edges, which moves them to colour edges.
 
     The position of an edge inside a ramp is unknown, and the middle is only a guess. A second pass in a
-    smaller window, with a larger colour tolerance, smooths the edges and removes isolated pixels.
+    smaller window smooths the edges; a third pass, with a larger colour tolerance, removes isolated pixels.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
