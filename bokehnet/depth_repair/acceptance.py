@@ -15,14 +15,11 @@ which the change is accepted.
 
 import numpy as np
 
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, NEAR_PX, RepairConfig
 from bokehnet.depth_repair.edge_profile import DISTANCES_PX, sample_edges
 from bokehnet.depth_repair.filters import local_extremes
 
-__all__ = ["accepted_blocks", "changed_pixels"]
-
-# Distance from a changed pixel within which an edge counts, pixels.
-_NEAR_PX = 2
+__all__ = ["accepted_blocks", "block_pixels", "changed_pixels"]
 
 # Maximum absolute agreement of a single edge pixel: a few strong edges must not outweigh all others.
 _MAX_AGREEMENT = 2.0
@@ -46,7 +43,7 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
     changed = changed_pixels(old, new)
     if not changed.any():
         return np.zeros(shape, bool)
-    near = local_extremes(changed, _NEAR_PX)[1]
+    near = local_extremes(changed, NEAR_PX)[1]
     (old_counts, old_sums), (new_counts, new_sums) = (
         _block_sums(image, values, near) for values in (old, new)
     )
@@ -57,6 +54,18 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
     gains = (_window_sums(sums, radius) + prior * sums.sum() / edges_of_map) / (edges + prior)
     accepted: np.ndarray = gains > config.min_gain
     return accepted
+
+
+def block_pixels(blocks: np.ndarray, shape: tuple[int, ...], scale: int = 1) -> np.ndarray:
+    """Return the pixels of accepted blocks, (H, W) bool.
+
+    Args:
+        blocks: Blocks at the size of the comparison, from :func:`accepted_blocks`.
+        shape: Shape (H, W) of a map.
+        scale: Ratio of the size of that map and the size of the comparison.
+    """
+    rows, columns = (np.arange(side) // (scale * BLOCK_PX) for side in shape)
+    return blocks[rows[:, None], columns]
 
 
 def _block_sums(image: np.ndarray, disparity: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,15 @@ the comments are theirs unless another source is named. Lengths are pixels of th
 
 from dataclasses import dataclass
 
-__all__ = ["BLOCK_PX", "COLOR_SIGMA", "MAX_SAMPLES", "MIN_EDGE_HEIGHT", "STAGES", "RepairConfig"]
+__all__ = [
+    "BLOCK_PX",
+    "COLOR_SIGMA",
+    "MAX_SAMPLES",
+    "MIN_EDGE_HEIGHT",
+    "NEAR_PX",
+    "STAGES",
+    "RepairConfig",
+]
 
 # Stages that can be switched off, in the order of their work.
 STAGES = (
@@ -21,6 +29,9 @@ STAGES = (
 
 # Side of the blocks in which changes are accepted, pixels.
 BLOCK_PX = 8
+
+# Half width of the smallest window around a pixel or a depth edge, pixels.
+NEAR_PX = BLOCK_PX // 4
 
 # Difference of encoded colours, Euclidean over three channels, up to which they are similar.
 COLOR_SIGMA = 0.06

@@ -43,6 +43,7 @@ class Diagnosis:
 
     Attributes:
         noise: Standard deviation of the noise, as a fraction of the range of the map.
+        wrong_pixels: Fraction of wrong single pixels that were corrected, 0 to 1.
         softness: Fraction of soft edges, 0 to 1.
         placement: Offset and growth, pixels of the size at which they were measured, and their certainty.
         peak: Distance of the edges of the picture from those of the map, pixels; positive towards the near
@@ -57,6 +58,7 @@ class Diagnosis:
     """
 
     noise: float = 0.0
+    wrong_pixels: float = 0.0
     softness: float = 0.0
     placement: Placement = NO_PLACEMENT
     candidates: tuple[Placement, ...] = (NO_PLACEMENT,)
@@ -106,15 +108,12 @@ def _details(values: np.ndarray) -> np.ndarray:
     return np.abs(top_left - top_right - bottom_left + bottom_right)
 
 
-def diagnose(
-    image: np.ndarray, disparity: np.ndarray, noise: float, softness: float, config: RepairConfig
-) -> Diagnosis:
-    """Return the diagnosis of a map.
+def diagnose(image: np.ndarray, disparity: np.ndarray, softness: float, config: RepairConfig) -> Diagnosis:
+    """Return the diagnosis of a map without noise.
 
     Args:
         image: All-in-focus picture at the size of the comparison, scene-linear, not negative, (3, H, W).
         disparity: Map of that size with sharp edges and without noise, (H, W), any unit.
-        noise: Noise of the input from :func:`noise_level`.
         softness: Fraction of soft edges of the input.
         config: Numbers of the repair.
     """
@@ -122,9 +121,9 @@ def diagnose(
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     candidates, growth = [placement], -round(profiles[0].offset)
     if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:
-        candidates.append(verified(image, disparity, Placement(growth=growth))[0])
+        local, _, _ = verified(image, disparity, Placement(growth=growth))
+        candidates += [local] if local.growth else []
     return Diagnosis(
-        noise=noise,
         softness=softness,
         placement=placement,
         candidates=tuple(candidates),

@@ -79,12 +79,6 @@ class EdgeSamples:
     weights: np.ndarray
     heights: np.ndarray
 
-    def select(self, index: np.ndarray) -> "EdgeSamples":
-        """Return some of the samples."""
-        return EdgeSamples(
-            self.places[:, index], self.normals[:, index], self.weights[index], self.heights[:, :, index]
-        )
-
     def agreement(self, distances: np.ndarray | float = 0.0) -> tuple[float, float]:
         """Return the mean agreement of all edges displaced along their normals, and its standard error.
 
@@ -132,8 +126,8 @@ def sample_edges(
     """Return the depth edges of a map with the gradients of its picture across them.
 
     The gradients along each normal are divided by their mean, so that strong edges of the picture have no
-    more weight than faint ones. The function ignores edges within 14 pixels of the border and edges lower
-    than 5 % of the range of the map.
+    more weight than faint ones. The function ignores edges near the border, within 14 pixels at scale 1, and
+    edges lower than 5 % of the range of the map.
 
     Args:
         image: All-in-focus picture, scene-linear, not negative, (3, H, W).

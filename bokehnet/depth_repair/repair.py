@@ -9,8 +9,7 @@ Steps; each stage is documented in its own module with its published method:
 3. proposals: the map is placed (``stages/register.py``), blurred detail is restored (``stages/deblur.py``),
    and so are thin structures (``stages/thin_structures.py``); maps without any thin structure are grown along
    their colours (``stages/thin_growth.py``);
-4. one rule accepts the changes in each place (``acceptance.py``), and surfaces of soft maps get the values
-   that reproduce the input when blurred;
+4. one rule accepts the changes in each place (``acceptance.py``);
 5. from the smallest size upwards, accepted changes are enlarged and aligned (``stages/enlarge.py``).
 
 In: all-in-focus picture, scene-linear float32 (H, W, 3), and disparity (H, W) in any unit, rising towards the
@@ -26,7 +25,7 @@ import numpy.typing as npt
 from bokehnet.arrays.halving import halvings
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import warn_deprecated
-from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
+from bokehnet.depth_repair.acceptance import accepted_blocks, block_pixels, changed_pixels
 from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
@@ -114,8 +113,9 @@ class DisparityRepair:
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
             disparity: Map, (H, W), any unit and offset, rising towards the camera, such as a defocus map.
-            mode: "on" repairs everywhere. "auto" moves edges only where the picture agrees better with their
-                new place (:func:`bokehnet.depth_repair.acceptance.accepted_blocks`). "off" changes nothing.
+            mode: "on" moves edges everywhere, "auto" only where the picture agrees better with their new
+                place (:func:`bokehnet.depth_repair.acceptance.accepted_blocks`). Thin structures grow only
+                there in both modes. "off" changes nothing.
             progress: Callback with (steps done, total steps); an exception from it ends the repair.
             plan: Decisions for the whole shot, which "auto" follows: the errors of its maps. Places are
                 accepted in each frame. Default: decide from this map.
@@ -147,26 +147,20 @@ class DisparityRepair:
     ) -> RepairedMap:
         """Repair a map that is not constant in the mode "on" or "auto"; see :meth:`repair`."""
         config = self._config
-        noise = plan.noise if plan is not None and plan.noise is not None else noise_level(disparity)
-        is_noisy = "denoise" in config.stages and config.noise_range[0] < noise < config.noise_range[1]
-        noise *= is_noisy
-        span = float(np.ptp(disparity))
-        clean = denoise_map(image, disparity, noise * span) if is_noisy else disparity
-        if "denoise" in config.stages:
-            clean = without_outliers(image, clean, MIN_EDGE_HEIGHT * span)
+        clean, noise, wrong_pixels = self._clean(image, disparity, plan)
         if plan is not None and mode == "auto" and not plan.repaired:
-            return RepairedMap(
-                disparity=clean.copy(), repaired=False, reason="as most of the shot", plan=plan
-            )
+            reason = _with_cleaning("as most of the shot", noise, wrong_pixels)
+            return RepairedMap(disparity=clean.copy(), repaired=False, reason=reason, plan=plan)
         softness = soft_edge_fraction(clean) if plan is None else plan.softness
         is_soft = "sharpen" in config.stages and softness > config.min_softness
         pictures, maps = halvings(image.transpose(2, 0, 1), clean, config.base_side_px)
         scale, colors, small = 2 ** (len(maps) - 1), pictures[-1], maps[-1]
         start = repair_soft_edges(small) if is_soft else small
         if plan is None:
-            diagnosis = diagnose(colors, start, noise, softness, config)
+            diagnosis = diagnose(colors, start, softness, config)
         else:
-            diagnosis = _planned_diagnosis(plan, noise, scale)
+            diagnosis = _planned_diagnosis(plan, scale)
+        diagnosis = replace(diagnosis, noise=noise, wrong_pixels=wrong_pixels)
         decides = mode == "auto"
         if decides and plan is None and diagnosis.certainty < config.min_certainty:
             return _result(clean, 0.0, 0.0, diagnosis, scale, "its edges do not follow the picture")
@@ -178,15 +172,17 @@ class DisparityRepair:
         for number, placement in enumerate(candidates):
             progress(number, steps)
             proposed = self._propose(colors, start, small if is_soft else None, placement)
-            accepted = accepted_blocks(colors, proposal, proposed, config) if decides else ~blocks
-            proposal = np.where(_enlarged(accepted, start.shape), proposed, proposal)
+            accepted = (
+                accepted_blocks(colors, proposal, proposed, config) if decides else np.ones_like(blocks)
+            )
+            proposal = np.where(block_pixels(accepted, start.shape), proposed, proposal)
             blocks |= accepted
-        if decides and "grow" in config.stages and diagnosis.thin_fraction == 0:
+        if "grow" in config.stages and diagnosis.thin_fraction == 0:
             grown = grow_thin_structures(
                 colors.transpose(1, 2, 0), proposal, MIN_EDGE_HEIGHT * float(np.ptp(start))
             )
             accepted = accepted_blocks(colors, proposal, grown, config)
-            proposal = np.where(_enlarged(accepted, start.shape), grown, proposal)
+            proposal = np.where(block_pixels(accepted, start.shape), grown, proposal)
             blocks |= accepted
         if not is_soft and not blocks.any():
             return _result(clean, 0.0, 0.0, diagnosis, scale)
@@ -195,7 +191,7 @@ class DisparityRepair:
         for level in reversed(range(levels)):
             progress(steps - level - 1, steps)
             change = proposal - maps[level + 1]
-            allowed = None if is_soft else _enlarged(blocks, maps[level].shape)
+            allowed = None if is_soft else block_pixels(blocks, maps[level].shape, 2 ** (levels - level))
             proposal = enlarge_changes(
                 pictures[level].transpose(1, 2, 0), maps[level], proposal, change, allowed, sharpen=is_soft
             )
@@ -203,6 +199,24 @@ class DisparityRepair:
         reason = "as most of the shot" if plan is not None else "" if decides else "asked for"
         accepted_fraction = 1.0 if is_soft else float(blocks.mean())
         return _result(proposal, accepted_fraction, float(misplaced), diagnosis, scale, reason)
+
+    def _clean(
+        self, image: np.ndarray, disparity: np.ndarray, plan: RepairPlan | None
+    ) -> tuple[np.ndarray, float, float]:
+        """Return the map without noise and wrong single pixels, and how much of both was removed.
+
+        The noise is a fraction of the range of the map, the wrong pixels are a fraction of all.
+        """
+        config, span = self._config, float(np.ptp(disparity))
+        if "denoise" not in config.stages:
+            return disparity, 0.0, 0.0
+        noise = noise_level(disparity) if plan is None or plan.noise is None else plan.noise
+        lowest, highest = config.noise_range
+        noise = noise if lowest < noise < highest else 0.0
+        clean = denoise_map(image, disparity, noise * span) if noise else disparity
+        fraction = None if plan is None else plan.wrong_pixels
+        clean, wrong_pixels = without_outliers(image, clean, MIN_EDGE_HEIGHT * span, fraction)
+        return clean, noise, wrong_pixels
 
     def _propose(
         self,
@@ -258,19 +272,12 @@ def _edge_pixels(disparity: np.ndarray) -> np.ndarray:
     return high - low > MIN_EDGE_HEIGHT * float(np.ptp(disparity))
 
 
-def _enlarged(blocks: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a mask of blocks as pixels of a map whose shape the blocks divide evenly."""
-    rows, columns = (np.arange(side) * count // side for side, count in zip(shape, blocks.shape, strict=True))
-    return blocks[rows[:, None], columns]
-
-
-def _planned_diagnosis(plan: RepairPlan, noise: float, scale: int) -> Diagnosis:
+def _planned_diagnosis(plan: RepairPlan, scale: int) -> Diagnosis:
     """Return the diagnosis of all maps of a shot at 1 / ``scale`` of their size."""
     down, right = (round(pixels / scale) for pixels in plan.offset)
     placement = Placement(offset=(down, right), growth=round(plan.shift / scale))
     local = Placement(growth=round(plan.local_shift / scale))
     return Diagnosis(
-        noise=noise,
         softness=plan.softness,
         placement=placement,
         candidates=(placement, local) if placement == NO_PLACEMENT != local else (placement,),
@@ -306,15 +313,25 @@ def _result(
         noise=diagnosis.noise,
         local_shift=scale * sum(candidate.growth for candidate in diagnosis.candidates[1:]),
         thin_fraction=diagnosis.thin_fraction,
+        wrong_pixels=diagnosis.wrong_pixels,
     )
-    noise = f"noise of {100 * plan.noise:.2g} % of its range removed" if plan.noise else ""
+    reason = reason or _in_words(plan, accepted_fraction, misplaced)
     return RepairedMap(
         disparity=disparity.copy(),
         repaired=plan.repaired,
-        reason="; ".join(filter(None, [reason or _in_words(plan, accepted_fraction, misplaced), noise])),
+        reason=_with_cleaning(reason, diagnosis.noise, diagnosis.wrong_pixels),
         plan=plan,
         diagnosis=diagnosis,
     )
+
+
+def _with_cleaning(reason: str, noise: float, wrong_pixels: float) -> str:
+    """Return a reason with the noise and the wrong pixels that were removed; both are fractions, 0 to 1."""
+    if noise:
+        reason += f"; noise of {100 * noise:.2g} % of its range removed"
+    if wrong_pixels:
+        reason += f"; {100 * wrong_pixels:.2g} % wrong single pixels corrected"
+    return reason
 
 
 def _in_words(plan: RepairPlan, accepted_fraction: float, misplaced: float) -> str:

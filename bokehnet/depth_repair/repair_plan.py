@@ -20,6 +20,7 @@ class RepairPlan:
         local_shift: Edge bias that is tried as well, pixels, and accepted in each place where the picture
             agrees better; 0 if the edges are off everywhere or nowhere.
         thin_fraction: Fraction of thin structures; maps without any may have lost them.
+        wrong_pixels: Fraction of wrong single pixels that are corrected, 0 for none.
     """
 
     repaired: bool
@@ -29,6 +30,7 @@ class RepairPlan:
     noise: float | None = 0.0
     local_shift: int = 0
     thin_fraction: float = 1.0
+    wrong_pixels: float = 0.0
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
@@ -49,4 +51,5 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
         noise=sorted(plan.noise or 0.0 for plan in plans)[middle],
         local_shift=sorted(plan.local_shift for plan in plans)[middle],
         thin_fraction=sorted(plan.thin_fraction for plan in plans)[middle],
+        wrong_pixels=sorted(plan.wrong_pixels for plan in plans)[middle],
     )

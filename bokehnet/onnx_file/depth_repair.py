@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, NEAR_PX
 from bokehnet.depth_repair.stages.deblur import MEDIAN_PASSES, snap_soft_edges
 from bokehnet.depth_repair.stages.sharpen import (
     MAX_SLOPE_CHANGE,
     MIN_DISTANCE_FROM_EXTREMES,
     RADII_PX,
     SLOPE_STRIDE_PX,
-    SOFT_RADIUS_PX,
     repair_soft_edges,
     soft_mask,
 )
@@ -131,7 +130,7 @@ def build_repair() -> onnx.ModelProto:
     disparity = g.input("disparity", np.float32, ["height", "width"])
     span = disparity.max() - disparity.min()
     min_height = span * MIN_EDGE_HEIGHT
-    low, high = local_extremes(g, disparity, SOFT_RADIUS_PX)
+    low, high = local_extremes(g, disparity, NEAR_PX)
     on_slope, step = _on_slope(g, disparity), high - low
     is_edge = (step > min_height) & ~on_slope
     nearer = g.minimum(high - disparity, disparity - low)
@@ -141,7 +140,7 @@ def build_repair() -> onnx.ModelProto:
 
     def repaired() -> Value:
         values = _sharp(g, disparity, on_slope, min_height)
-        near = local_extremes(g, is_soft.astype(np.float32), SOFT_RADIUS_PX)[1] > 0
+        near = local_extremes(g, is_soft.astype(np.float32), NEAR_PX)[1] > 0
         places = g.op("NonZero", near.reshape(-1), dtype=np.int64).reshape(-1)
         colors = encode(image)
         for radius, sigma in MEDIAN_PASSES:

@@ -21,7 +21,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MAX_SAMPLES, MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MAX_SAMPLES, MIN_EDGE_HEIGHT, NEAR_PX
 from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
@@ -57,7 +57,7 @@ _ITERATIONS = 2
 MEDIAN_PASSES = (
     (BLOCK_PX, COLOR_SIGMA / 2),
     (BLOCK_PX // 2, COLOR_SIGMA / 2),
-    (BLOCK_PX // 4, 2 * COLOR_SIGMA),
+    (NEAR_PX, 2 * COLOR_SIGMA),
 )
 
 # Distance up to which the weighted medians depend on a pixel, pixels.

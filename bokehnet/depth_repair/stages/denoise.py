@@ -11,11 +11,13 @@ In: the picture, scene-linear (H, W, 3), and the map (H, W), any unit. Out: the 
 """
 
 import math
+from itertools import product
 
 import numpy as np
 
-from bokehnet.depth_repair.config import COLOR_SIGMA
-from bokehnet.depth_repair.filters import joint_bilateral
+from bokehnet.arrays.row_blocks import make_in_row_blocks
+from bokehnet.depth_repair.config import COLOR_SIGMA, NEAR_PX
+from bokehnet.depth_repair.filters import extend_rows, joint_bilateral
 from bokehnet.optics.encoding import encode
 
 __all__ = ["denoise_map", "without_outliers"]
@@ -24,9 +26,9 @@ __all__ = ["denoise_map", "without_outliers"]
 # standard deviation of disparities, in those of the noise.
 _RADIUS, _SIGMAS = 3, 2.0
 
-# Half width of the window around a wrong pixel, and bounds of the fraction of such pixels: exact maps have up
-# to 0.0003, and above the upper bound they are the content.
-_WINDOW_PX, _MIN_OUTLIERS, _MAX_OUTLIERS = 2, 0.0005, 0.01
+# Bounds of the fraction of wrong pixels: exact maps have up to 0.0003, and above the upper bound they are the
+# content.
+_MIN_OUTLIERS, _MAX_OUTLIERS = 0.0005, 0.01
 
 
 def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> np.ndarray:
@@ -45,8 +47,10 @@ def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> n
     return disparity
 
 
-def without_outliers(image: np.ndarray, disparity: np.ndarray, min_error: float) -> np.ndarray:
-    """Return the map without wrong single pixels, (H, W) float32: the argument itself if there are none.
+def without_outliers(
+    image: np.ndarray, disparity: np.ndarray, min_error: float, fraction: float | None = None
+) -> tuple[np.ndarray, float]:
+    """Return the map without wrong single pixels, and the fraction of pixels that were corrected.
 
     A pixel is wrong if it differs from an otherwise even window of 5x5 pixels, but its colour does not differ
     from that of all its neighbours. It gets the value of the neighbour of the nearest colour.
@@ -55,30 +59,57 @@ def without_outliers(image: np.ndarray, disparity: np.ndarray, min_error: float)
         image: All-in-focus picture, scene-linear, not negative, (H, W, 3).
         disparity: Map, (H, W), float32, any unit.
         min_error: Minimum error of a wrong pixel, in the unit of the map.
+        fraction: Fraction of wrong pixels that decides on the correction; default: that of this map.
+
+    Returns:
+        Map, (H, W) float32, which is the argument itself if nothing is corrected; and the fraction.
     """
-    size = _WINDOW_PX
-    if min(disparity.shape) <= 2 * size:
-        return disparity
-    inner = disparity[size:-size, size:-size]
-    differs = np.ones(inner.shape, bool)
+
+    def make(rows: slice) -> np.ndarray:
+        window, inner = extend_rows(rows, NEAR_PX)
+        values = disparity[window].copy()
+        y, x, corrected = _wrong_pixels(image[window], values, min_error)
+        values[y, x] = corrected
+        return values[inner]
+
+    corrected = make_in_row_blocks(make, disparity.shape, np.float32)
+    measured = np.count_nonzero(corrected != disparity) / disparity.size
+    decisive = measured if fraction is None else fraction
+    if measured and _MIN_OUTLIERS <= decisive <= _MAX_OUTLIERS:
+        return corrected, measured
+    return disparity, 0.0
+
+
+def _wrong_pixels(
+    image: np.ndarray, disparity: np.ndarray, min_error: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, columns and correct values of wrong pixels; see :func:`without_outliers`."""
+    size = NEAR_PX
+    differs = np.zeros(disparity.shape, bool)
+    inner = slice(size, -size), slice(size, -size)
+    differs[inner] = True
     for axis in (0, 1):
         step = np.abs(np.diff(disparity, axis=axis)) > min_error
-        lines = [slice(size, -size)] * 2
+        lines = list(inner)
         for first in (size - 1, size):
-            lines[axis] = slice(first, first + inner.shape[axis])
-            differs &= step[tuple(lines)]
-    y, x = (places[:, None] + size for places in np.nonzero(differs))
-    down, right = (part.ravel() - size for part in np.indices((2 * size + 1, 2 * size + 1)))
-    others = (down != 0) | (right != 0)
-    is_even = np.ptp(disparity[y + down[others], x + right[others]], axis=1) < min_error
-    y, x = y[is_even], x[is_even]
-    near = others & (np.maximum(abs(down), abs(right)) == 1)
-    rows, columns = y + down[near], x + right[near]
+            lines[axis] = slice(first, first + disparity.shape[axis] - 2 * size)
+            differs[inner] &= step[tuple(lines)]
+    y, x = np.nonzero(differs)
+    low, high = np.full(len(y), np.inf), np.full(len(y), -np.inf)
+    for down, right in _offsets(size):
+        neighbours = disparity[y + down, x + right]
+        low, high = np.minimum(low, neighbours), np.maximum(high, neighbours)
+    is_even = high - low < min_error
+    y, x = y[is_even, None], x[is_even, None]
+    down, right = np.transpose(_offsets(1))
+    rows, columns = y + down, x + right
     distance = np.linalg.norm(encode(image[rows, columns]) - encode(image[y, x]), axis=-1)
     alike = np.flatnonzero(distance.min(1) < COLOR_SIGMA)
-    if not _MIN_OUTLIERS <= len(alike) / disparity.size <= _MAX_OUTLIERS:
-        return disparity
-    result = disparity.copy()
     nearest = distance[alike].argmin(1)
-    result[y[alike, 0], x[alike, 0]] = disparity[rows[alike, nearest], columns[alike, nearest]]
-    return result
+    return y[alike, 0], x[alike, 0], disparity[rows[alike, nearest], columns[alike, nearest]]
+
+
+def _offsets(radius: int) -> list[tuple[int, int]]:
+    """Return the offsets, down and right, of all other pixels in a square window."""
+    around = range(-radius, radius + 1)
+    return [offset for offset in product(around, around) if offset != (0, 0)]

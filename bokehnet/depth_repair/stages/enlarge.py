@@ -13,10 +13,10 @@ import numpy as np
 
 from bokehnet.arrays.pyramid import upsample2
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, NEAR_PX
 from bokehnet.depth_repair.filters import extend_rows, local_extremes
 from bokehnet.depth_repair.stages.deblur import MEDIAN_HALO_PX, snap_soft_edges
-from bokehnet.depth_repair.stages.sharpen import SOFT_RADIUS_PX, repair_soft_edges
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges
 
 __all__ = ["enlarge_changes"]
 
@@ -64,7 +64,7 @@ def enlarge_changes(
 
     def align(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, MEDIAN_HALO_PX)
-        low, high = local_extremes(sharp[window], SOFT_RADIUS_PX)
+        low, high = local_extremes(sharp[window], NEAR_PX)
         at_edges = near[window] & (high - low > min_height)
         aligned = sharp[window]
         if at_edges.any():

@@ -11,7 +11,7 @@ In: a map (H, W), any unit. Out: the map with sharp edges, in the same unit.
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, NEAR_PX
 from bokehnet.depth_repair.filters import extend_rows, local_extremes
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "MIN_DISTANCE_FROM_EXTREMES",
     "RADII_PX",
     "SLOPE_STRIDE_PX",
-    "SOFT_RADIUS_PX",
     "repair_soft_edges",
     "slope_mask",
     "soft_edge_fraction",
@@ -27,9 +26,8 @@ __all__ = [
     "soft_pixels",
 ]
 
-# Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height, and half
-# width, pixels, of the window and of the surroundings in which the position of an edge is uncertain.
-MIN_DISTANCE_FROM_EXTREMES, SOFT_RADIUS_PX = 0.2, 2
+# Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height.
+MIN_DISTANCE_FROM_EXTREMES = 0.2
 
 # Half widths of the windows in each pass, pixels; together they sharpen ramps of ten pixels.
 RADII_PX = (3, 2)
@@ -80,7 +78,7 @@ def soft_pixels(disparity: np.ndarray, min_height: float) -> np.ndarray:
     def make(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, _SLOPE_HALO_PX)
         values = disparity[window]
-        low, high = local_extremes(values, SOFT_RADIUS_PX)
+        low, high = local_extremes(values, NEAR_PX)
         nearer = np.minimum(high - values, values - low)
         soft = (nearer > MIN_DISTANCE_FROM_EXTREMES * (high - low)) & (high - low > min_height)
         soft &= ~slope_mask(values, soft)
@@ -96,7 +94,7 @@ def soft_mask(disparity: np.ndarray, span: float) -> np.ndarray:
         disparity: Map, (H, W), any unit.
         span: Range of values that defines the minimum edge height.
     """
-    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), SOFT_RADIUS_PX)[1]
+    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), NEAR_PX)[1]
 
 
 def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
@@ -112,7 +110,7 @@ def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:
 
     def make(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, _SLOPE_HALO_PX)
-        low, high = local_extremes(disparity[window], SOFT_RADIUS_PX)
+        low, high = local_extremes(disparity[window], NEAR_PX)
         edges = high - low > MIN_EDGE_HEIGHT * span
         edges &= ~slope_mask(disparity[window], edges)
         return np.where(edges, ((high - low) / (span or 1)) ** (2 * by_height), 0)[inner]

@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA
+from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, NEAR_PX
 from bokehnet.depth_repair.filters import local_extremes, shift_edges
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
@@ -31,13 +31,13 @@ _MIN_RATIO, _MIN_WEIGHT = 2.0, 0.3
 # surface, into which lines of the background run, about half.
 _MAX_NEAR_FRACTION = 0.38
 
-# Half width of the window that grown structures must not fill, and of the window that thin structures of a
-# map do not fill, pixels.
-_MAX_HALF_WIDTH_PX, _THIN_HALF_WIDTH_PX = BLOCK_PX // 2, 2
+# Half width of the window that grown structures must not fill, pixels; thin structures of a map do not fill
+# one of ``NEAR_PX``.
+_MAX_HALF_WIDTH_PX = BLOCK_PX // 2
 
 
 @njit(cache=True, parallel=True)
-def _joined(colors, disparity, ys, xs, min_height, max_near_fraction, values):  # type: ignore[no-untyped-def]
+def _joined(colors, disparity, ys, xs, min_height, values):  # type: ignore[no-untyped-def]
     """Fill ``values`` with the disparity of the near side that each pixel joins, or with its own."""
     height, width = disparity.shape
     factor = 1.0 / (COLOR_SIGMA * COLOR_SIGMA)
@@ -68,7 +68,7 @@ def _joined(colors, disparity, ys, xs, min_height, max_near_fraction, values):  
                 else:
                     far_sum, far_count = far_sum + weight, far_count + 1
         if (
-            near_count <= max_near_fraction * (near_count + far_count)
+            near_count <= _MAX_NEAR_FRACTION * (near_count + far_count)
             and near_sum * far_count > _MIN_RATIO * far_sum * near_count
             and highest > _MIN_WEIGHT
         ):
@@ -93,7 +93,7 @@ def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: f
         ys, xs = np.nonzero(border)
         values = np.empty(len(ys), np.float32)
         with parallel_region:
-            _joined(colors, result, ys, xs, min_height, _MAX_NEAR_FRACTION, values)
+            _joined(colors, result, ys, xs, min_height, values)
         joined = values > result[ys, xs]
         result[ys[joined], xs[joined]] = values[joined]
         new = np.zeros(border.shape, bool)
@@ -109,9 +109,9 @@ def thin_fraction(disparity: np.ndarray, min_height: float) -> float:
         disparity: Map with sharp edges, (H, W), any unit, rising towards the camera.
         min_height: Minimum height of a depth edge, in the unit of the map.
     """
-    low, high = local_extremes(disparity, _THIN_HALF_WIDTH_PX)
+    low, high = local_extremes(disparity, NEAR_PX)
     edges = int((high - low > min_height).sum())
-    return float(_thin_pixels(disparity, _THIN_HALF_WIDTH_PX, min_height).sum()) / max(edges, 1)
+    return float(_thin_pixels(disparity, NEAR_PX, min_height).sum()) / max(edges, 1)
 
 
 def _thin_pixels(disparity: np.ndarray, half_width: int, min_height: float) -> np.ndarray:

@@ -29,7 +29,7 @@ from numba import prange
 
 from bokehnet.arrays.box_mean import box_mean
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX
+from bokehnet.depth_repair.config import BLOCK_PX, NEAR_PX
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.line_profile import (
     STEP_PX,
@@ -48,8 +48,8 @@ from bokehnet.optics.encoding import encode
 
 __all__ = ["restore_thin_structures"]
 
-# Minimum and maximum distance of a seed from a piece, pixels.
-_MIN_SEED_DISTANCE_PX, _MAX_SEED_DISTANCE_PX = 2, BLOCK_PX // 2
+# Maximum distance of a seed from a piece, pixels; the minimum is ``NEAR_PX``.
+_MAX_SEED_DISTANCE_PX = BLOCK_PX // 2
 
 # Turns: number of candidates on each side, at a step and at the start, and their spacing, radians.
 _TURNS, _FIRST_TURNS, _TURN_RAD = 3, 6, 0.15
@@ -75,7 +75,7 @@ _INSET_PX = 0.25
 @njit(cache=True)
 def _disparity_at(disparity, y, x):  # type: ignore[no-untyped-def]
     """Return the disparity of the pixel at a position, NaN outside the map."""
-    row, column = int(y + 0.5), int(x + 0.5)
+    row, column = math.floor(y + 0.5), math.floor(x + 0.5)
     inside = 0 <= row < disparity.shape[0] and 0 <= column < disparity.shape[1]
     return disparity[row, column] if inside else np.nan
 
@@ -240,11 +240,7 @@ def _find_seeds(disparity, min_height, ys, xs, seeds, is_marked):  # type: ignor
                 if distance_squared < nearest_squared and disparity[v, u] > disparity[y, x] + min_height:
                     nearest_squared = distance_squared
                     seeds[i, 0], seeds[i, 1], seeds[i, 2], seeds[i, 3] = y, x, v, u
-        is_marked[i] = (
-            _MIN_SEED_DISTANCE_PX * _MIN_SEED_DISTANCE_PX
-            < nearest_squared
-            <= _MAX_SEED_DISTANCE_PX * _MAX_SEED_DISTANCE_PX
-        )
+        is_marked[i] = NEAR_PX * NEAR_PX < nearest_squared <= _MAX_SEED_DISTANCE_PX * _MAX_SEED_DISTANCE_PX
 
 
 @njit(cache=True, parallel=True)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from bokehnet.depth_repair.acceptance import accepted_blocks, changed_pixels
+from bokehnet.depth_repair.acceptance import accepted_blocks, block_pixels, changed_pixels
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 from tests.unit.depth_repair.scenes import blobs, texture, textured
@@ -57,3 +58,13 @@ def test_unchanged_maps_of_any_size_are_not_accepted(shape):
     accepted = accepted_blocks(np.ones((3, *shape), np.float32), values, values.copy(), CONFIG)
     assert accepted.shape == tuple(-(-side // 8) for side in shape)
     assert not accepted.any()
+
+
+@pytest.mark.parametrize("scale", [1, 4])
+@pytest.mark.parametrize("shape", [(200, 320), (1001, 317)])
+def test_blocks_cover_the_pixels_that_they_were_measured_at(shape, scale):
+    """Authority: each block repeated over 8 x 8 pixels of the size of the comparison."""
+    small = [-(-side // scale) for side in shape]
+    blocks = np.random.default_rng(0).random([-(-side // 8) for side in small]) < 0.5
+    expected = np.kron(blocks, np.ones((8 * scale, 8 * scale), bool))[: shape[0], : shape[1]]
+    assert_array_equal(block_pixels(blocks, shape, scale), expected)

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter, minimum_filter, uniform_filter
 from bokehnet.depth_repair.config import RepairConfig
 from bokehnet.depth_repair.diagnosis import noise_level
 from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.denoise import denoise_map, without_outliers
 from bokehnet.optics.encoding import encode
 
@@ -92,19 +93,54 @@ def test_wrong_single_pixels_take_the_value_of_their_neighbours():
     image, disparity = scene()
     wrong = disparity.copy()
     wrong[5::16, 3::16] = 0.5
-    result = without_outliers(image, wrong, 0.05)
+    result, fraction = without_outliers(image, wrong, 0.05)
+    assert fraction == (result != wrong).mean()
     assert (np.abs(result - disparity) > 0.01).mean() < 0.2 * (np.abs(wrong - disparity) > 0.01).mean()
     lamp = image.copy()
     lamp[5, 3] = 1
-    assert without_outliers(lamp, wrong, 0.05)[5, 3] == np.float32(0.5)
+    assert without_outliers(lamp, wrong, 0.05)[0][5, 3] == np.float32(0.5)
 
 
 def test_nets_and_accurate_maps_have_no_wrong_pixels():
     image, disparity = scene()
-    assert without_outliers(image, disparity, 0.05) is disparity
+    assert without_outliers(image, disparity, 0.05)[0] is disparity
     y, x = np.mgrid[:160, :224]
     net = np.where((x % 3 == 0) & (y % 3 == 0), 0.9, 0.1).astype(np.float32)
-    assert without_outliers(image, net, 0.05) is net
+    assert without_outliers(image, net, 0.05)[0] is net
+
+
+@pytest.mark.parametrize("size", [(1, 1), (4, 9), (9, 4), (5, 5)])
+def test_wrong_pixels_of_the_smallest_maps(size):
+    """Only a window of 5x5 pixels has a wrong one, in its middle; authority: the definition."""
+    disparity = np.zeros(size, np.float32)
+    disparity[size[0] // 2, size[1] // 2] = 1
+    result, fraction = without_outliers(np.ones((*size, 3), np.float32), disparity, 0.05, fraction=0.005)
+    assert fraction == (1 / 25 if size == (5, 5) else 0)
+    assert_array_equal(result, 0 if fraction else disparity)
+
+
+@pytest.mark.parametrize(("planned", "corrected"), [(0.0, False), (0.005, True)])
+def test_the_plan_decides_on_the_wrong_pixels_of_a_frame(planned, corrected):
+    """Authority: the frame, of which far too few pixels are wrong for a decision, and its correct values."""
+    image, disparity = scene()
+    wrong = disparity.copy()
+    wrong[5, 3::16] = 0.5
+    plan = RepairPlan(repaired=False, softness=0, shift=0, wrong_pixels=planned)
+    frame = DisparityRepair().repair(image, wrong, "auto", plan=plan)
+    assert ("wrong single pixels corrected" in frame.reason) == corrected
+    changed = frame.disparity != wrong
+    assert changed.any() == corrected
+    assert_allclose(frame.disparity[changed], disparity[changed], atol=0.01)
+
+
+def test_corrected_pixels_are_part_of_plan_and_reason():
+    image, disparity = scene()
+    wrong = disparity.copy()
+    wrong[5::16, 3::16] = 0.5
+    result = DisparityRepair().repair(image, wrong, "auto")
+    assert not result.repaired
+    assert result.plan.wrong_pixels == result.diagnosis.wrong_pixels == (result.disparity != wrong).mean()
+    assert "% wrong single pixels corrected" in result.reason
 
 
 @pytest.mark.parametrize("deviation", [0.01, 0.03])
