@@ -15,26 +15,25 @@ from statistics import NormalDist
 
 import numpy as np
 
-from bokehnet.depth_repair.config import BLOCK_PX, MAX_SAMPLES, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import (
+    DETAIL_BLOCK_PX,
+    MAX_DETAILS,
+    MAX_SAMPLES,
+    MIN_EDGE_HEIGHT,
+    MIN_NOISE_SIDE_PX,
+    MIN_SHARED_NOISE,
+    PROFILE_SCALES,
+    SHARED_NOISE_FACTOR,
+    RepairConfig,
+)
 from bokehnet.depth_repair.edge_profile import sample_edges
 from bokehnet.depth_repair.stages.register import NO_PLACEMENT, Placement, find_placement, verified
 from bokehnet.depth_repair.stages.thin_growth import thin_fraction
 
 __all__ = ["Diagnosis", "diagnose", "noise_level"]
 
-# Minimum side of a map whose noise is estimated, pixels, and approximate maximum number of details used.
-_MIN_SIDE_PX, _MAX_DETAILS = 32, 2**18
-
 # Median and lower quartile of the absolute value of standard normal deviates.
 _NORMAL_MEDIAN, _NORMAL_QUARTILE = (NormalDist().inv_cdf((1 + rank) / 2) for rank in (1 / 2, 1 / 4))
-
-# Errors that pixels share: side of the blocks whose means are compared, pixels; standard deviation of the
-# errors over that of the means, for errors shared by 5 pixels; and least deviation that counts as noise, as a
-# fraction of the range. Accurate maps by plane sweep have up to 0.0053 of detail, maps of networks 0.0002.
-_DETAIL_BLOCK_PX, _SHARED_FACTOR, _MIN_SHARED_NOISE = BLOCK_PX // 2, 1.8, 0.008
-
-# Scales of the profiles of the whole map: edges of coarse maps are scattered around those of the picture.
-_SCALES = (1, 2, 3)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -87,21 +86,21 @@ def noise_level(disparity: np.ndarray) -> float:
         0.018
     """
     span = float(np.ptp(disparity))
-    if span == 0 or min(disparity.shape) < _MIN_SIDE_PX:
+    if span == 0 or min(disparity.shape) < MIN_NOISE_SIDE_PX:
         return 0.0
     of_pixels = float(np.median(_details(disparity))) / (2 * _NORMAL_MEDIAN * span)
-    size = _DETAIL_BLOCK_PX
+    size = DETAIL_BLOCK_PX
     rows, columns = (side // size for side in disparity.shape)
     blocks = disparity[: rows * size, : columns * size].reshape(rows, size, columns, size)
     quartile = float(np.quantile(_details(blocks.mean((1, 3))), 0.25))
-    shared = _SHARED_FACTOR * quartile / (2 * _NORMAL_QUARTILE * span)
-    return max(of_pixels, shared) if shared > _MIN_SHARED_NOISE else of_pixels
+    shared = SHARED_NOISE_FACTOR * quartile / (2 * _NORMAL_QUARTILE * span)
+    return max(of_pixels, shared) if shared > MIN_SHARED_NOISE else of_pixels
 
 
 def _details(values: np.ndarray) -> np.ndarray:
-    """Return the absolute diagonal Haar details of an array, at most about ``_MAX_DETAILS`` of them."""
+    """Return the absolute diagonal Haar details of an array, at most about ``MAX_DETAILS`` of them."""
     height, width = (side // 2 for side in values.shape)
-    stride = 2 * math.ceil(math.sqrt(height * width / _MAX_DETAILS))
+    stride = 2 * math.ceil(math.sqrt(height * width / MAX_DETAILS))
     top_left, top_right, bottom_left, bottom_right = (
         values[y : 2 * height : stride, x : 2 * width : stride] for y in (0, 1) for x in (0, 1)
     )
@@ -117,7 +116,9 @@ def diagnose(image: np.ndarray, disparity: np.ndarray, softness: float, config: 
         softness: Fraction of soft edges of the input.
         config: Numbers of the repair.
     """
-    profiles = [sample_edges(image, disparity, MAX_SAMPLES, scale=scale).profile() for scale in _SCALES]
+    profiles = [
+        sample_edges(image, disparity, MAX_SAMPLES, scale=scale).profile() for scale in PROFILE_SCALES
+    ]
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     candidates, growth = [placement], -round(profiles[0].offset)
     if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:

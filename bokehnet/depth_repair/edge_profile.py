@@ -15,36 +15,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import (
+    ERROR_GROUPS,
+    HALF_DIFFERENCE_PX,
+    MAX_PEAK_DISTANCE_PX,
+    MIN_EDGE_HEIGHT,
+    MIN_GRADIENT,
+    PEAK_SIDES_PX,
+    SAMPLE_SPACING_PX,
+    SMOOTHING_ORDER,
+    STANDARD_ERRORS,
+)
 from bokehnet.optics.encoding import encode
 from bokehnet.optics.pixels.resampling import bilinear
 
-__all__ = ["DISTANCES_PX", "STANDARD_ERRORS", "EdgeProfile", "EdgeSamples", "sample_edges"]
-
-# Largest distance of a peak from the depth edge, and spacing of the samples, pixels.
-_MAX_DISTANCE_PX, _SPACING_PX = 9.0, 0.5
+__all__ = ["DISTANCES_PX", "EdgeProfile", "EdgeSamples", "sample_edges"]
 
 # Distances from a depth edge at which the agreement is known, pixels; positive towards the near side.
-DISTANCES_PX = np.arange(-_MAX_DISTANCE_PX, _MAX_DISTANCE_PX + _SPACING_PX / 2, _SPACING_PX)
+DISTANCES_PX = np.arange(
+    -MAX_PEAK_DISTANCE_PX, MAX_PEAK_DISTANCE_PX + SAMPLE_SPACING_PX / 2, SAMPLE_SPACING_PX
+)
 
-# Distances from a peak between which each of its two sides is measured, pixels, at scale 1. The peak is a
-# sample with its neighbours. At scale n, its half width grows by n - 1 pixels, and the sides lie n times as
-# far.
-_SIDES_PX = (1.5, 3.5)
-
-# Half length of the difference that measures the gradient, pixels.
-_HALF_DIFFERENCE_PX = 2 * _SPACING_PX
-
-# Gradient per pixel, encoded light, that is added to the mean of each edge so that noise weighs little.
-_MIN_GRADIENT = 0.005
-
-# Order of the binomial filter of the map before its slope is measured, even; and the slope per pixel of a
-# filtered step of 1: its central difference is one more binomial filter.
-_SMOOTHING_ORDER = 4
-_SLOPE_OF_STEP = math.comb(_SMOOTHING_ORDER + 1, _SMOOTHING_ORDER // 2) / 2 ** (_SMOOTHING_ORDER + 1)
-
-# Number of groups of edge pixels for the standard error, and number of standard errors subtracted.
-_GROUPS, STANDARD_ERRORS = 16, 2.0
+# Slope per pixel of a filtered step of 1: its central difference is one more binomial filter.
+_SLOPE_OF_STEP = math.comb(SMOOTHING_ORDER + 1, SMOOTHING_ORDER // 2) / 2 ** (SMOOTHING_ORDER + 1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,12 +79,12 @@ class EdgeSamples:
             distances: Displacement of each edge, pixels, (N,) or one for all; clipped to 9.
         """
         count = len(self.weights)
-        if count < _GROUPS:
+        if count < ERROR_GROUPS:
             return 0.0, 0.0
-        at = np.rint((np.asarray(distances) + _MAX_DISTANCE_PX) / _SPACING_PX).astype(np.intp)
+        at = np.rint((np.asarray(distances) + MAX_PEAK_DISTANCE_PX) / SAMPLE_SPACING_PX).astype(np.intp)
         at = np.broadcast_to(np.clip(at, 0, len(DISTANCES_PX) - 1), (count,))
         heights = self.heights[:, at, np.arange(count)] * self.weights
-        starts = np.linspace(0, count, _GROUPS, endpoint=False).astype(np.intp)
+        starts = np.linspace(0, count, ERROR_GROUPS, endpoint=False).astype(np.intp)
         weights, sums = np.add.reduceat(self.weights, starts), np.add.reduceat(heights, starts, axis=1)
         means = sums.sum(1) / weights.sum()
         side = int(means.argmin())
@@ -105,13 +98,13 @@ class EdgeSamples:
         A peak must rise above both of its sides, because textured foreground in front of a plain background
         raises one of them.
         """
-        if len(self.weights) < _GROUPS:
+        if len(self.weights) < ERROR_GROUPS:
             return EdgeProfile()
         lower = ((self.heights @ self.weights) / self.weights.sum()).min(0)
         peak = int(lower.argmax())
         height, error = self.agreement(float(DISTANCES_PX[peak]))
         return EdgeProfile(
-            offset=float(DISTANCES_PX[peak] + _SPACING_PX * _vertex(lower, peak)),
+            offset=float(DISTANCES_PX[peak] + SAMPLE_SPACING_PX * _vertex(lower, peak)),
             certainty=height - STANDARD_ERRORS * error,
         )
 
@@ -136,8 +129,8 @@ def sample_edges(
         mask: Pixels whose edges are sampled, (H, W) bool; default: all.
         scale: Width of the peaks: 1 for edges that lie at one distance, more for edges scattered around it.
     """
-    reach, span = _MAX_DISTANCE_PX + scale * _SIDES_PX[1], float(np.ptp(disparity))
-    margin = math.ceil(reach + _HALF_DIFFERENCE_PX)
+    reach, span = MAX_PEAK_DISTANCE_PX + scale * PEAK_SIDES_PX[1], float(np.ptp(disparity))
+    margin = math.ceil(reach + HALF_DIFFERENCE_PX)
     if span == 0 or min(disparity.shape) <= 2 * margin:
         return EdgeSamples(
             np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0), np.zeros((2, len(DISTANCES_PX), 0), np.float32)
@@ -163,19 +156,19 @@ def sample_edges(
 
 def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray, reach: float) -> np.ndarray:
     """Return the gradients up to some pixels along each normal divided by their mean, (samples, N)."""
-    reach += _HALF_DIFFERENCE_PX
-    distances = np.arange(-reach, reach + _SPACING_PX / 2, _SPACING_PX)[:, None]
+    reach += HALF_DIFFERENCE_PX
+    distances = np.arange(-reach, reach + SAMPLE_SPACING_PX / 2, SAMPLE_SPACING_PX)[:, None]
     light = encode(_sample(image, places[:, None] + distances * normals[:, None]))
-    lag = round(2 * _HALF_DIFFERENCE_PX / _SPACING_PX)
-    gradients = np.abs(light[:, lag:] - light[:, :-lag]).mean(0) / (2 * _HALF_DIFFERENCE_PX)
-    scaled: np.ndarray = gradients / (gradients.mean(0) + _MIN_GRADIENT)
+    lag = round(2 * HALF_DIFFERENCE_PX / SAMPLE_SPACING_PX)
+    gradients = np.abs(light[:, lag:] - light[:, :-lag]).mean(0) / (2 * HALF_DIFFERENCE_PX)
+    scaled: np.ndarray = gradients / (gradients.mean(0) + MIN_GRADIENT)
     return scaled
 
 
 def _heights(gradients: np.ndarray, scale: int) -> np.ndarray:
     """Return the heights of gradients (samples, N) above both sides, (2, distances, N)."""
-    first, last = (round(scale * distance / _SPACING_PX) for distance in _SIDES_PX)
-    width = 1 + round((scale - 1) / _SPACING_PX)
+    first, last = (round(scale * distance / SAMPLE_SPACING_PX) for distance in PEAK_SIDES_PX)
+    width = 1 + round((scale - 1) / SAMPLE_SPACING_PX)
     sums = np.concatenate([np.zeros_like(gradients[:1]), gradients.cumsum(0)])
     places = len(gradients) - 2 * last
 
@@ -198,8 +191,8 @@ def _vertex(values: np.ndarray, at: int) -> float:
 
 def _smooth(values: np.ndarray) -> np.ndarray:
     """Smooth each column of a map (H, W) with the border repeated."""
-    smooth = np.pad(values, ((_SMOOTHING_ORDER // 2,) * 2, (0, 0)), "edge")
-    for _ in range(_SMOOTHING_ORDER):
+    smooth = np.pad(values, ((SMOOTHING_ORDER // 2,) * 2, (0, 0)), "edge")
+    for _ in range(SMOOTHING_ORDER):
         smooth = (smooth[1:] + smooth[:-1]) / 2
     return smooth
 

@@ -10,6 +10,7 @@ from numba import prange
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.depth_repair.config import MEDIAN_BINS
 from bokehnet.kernels import njit
 
 __all__ = [
@@ -20,9 +21,6 @@ __all__ = [
     "translate_map",
     "weighted_median",
 ]
-
-# Number of histogram bins between the lowest and the highest disparity in a window, for the median.
-_BINS = 24
 
 
 def local_extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +148,7 @@ def _weighted_medians(colors, disparity, mask, min_height, radius, color_sigma, 
     height, width = disparity.shape
     color_factor = -0.5 / (color_sigma * color_sigma)
     for y in prange(height):
-        weights, sums = np.empty(_BINS), np.empty(_BINS)
+        weights, sums = np.empty(MEDIAN_BINS), np.empty(MEDIAN_BINS)
         for x in range(width):
             result[y, x] = disparity[y, x]
             if not mask[y, x]:
@@ -164,7 +162,7 @@ def _weighted_medians(colors, disparity, mask, min_height, radius, color_sigma, 
             if high - low <= min_height:
                 continue
             weights[:], sums[:] = 0.0, 0.0
-            scale, total = (_BINS - 1e-3) / (high - low), 0.0
+            scale, total = (MEDIAN_BINS - 1e-3) / (high - low), 0.0
             for v in range(top, bottom):
                 for u in range(left, right):
                     distance_squared = 0.0
@@ -176,7 +174,7 @@ def _weighted_medians(colors, disparity, mask, min_height, radius, color_sigma, 
                     sums[index] += weight * disparity[v, u]
                     total += weight
             cumulative = 0.0
-            for index in range(_BINS):
+            for index in range(MEDIAN_BINS):
                 cumulative += weights[index]
                 if cumulative >= 0.5 * total:
                     result[y, x] = sums[index] / weights[index]

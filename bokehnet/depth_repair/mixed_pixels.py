@@ -21,26 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice, check_finite, check_map
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT
+from bokehnet.depth_repair.config import (
+    MAX_RAMP_PX,
+    MIN_COVERAGE_STEP,
+    MIN_EDGE_HEIGHT,
+    MIN_MIXED_CHANGE,
+    MIN_MIXED_EDGE,
+    MIN_SLOPE_RATIO,
+)
 from bokehnet.depth_repair.filters import local_extremes
 
 __all__ = ["mixed_pixel_fraction", "repair_mixed"]
-
-# Minimum difference of both surfaces, as a fraction of the range of the map.
-_MIN_EDGE = 0.01
-
-# Maximum width of a ramp, pixels: pixel filters are up to four pixels wide.
-_MAX_RAMP_PX = 3
-
-# Minimum ratio of the slopes of every part of a ramp and of the surfaces on both sides.
-_MIN_SLOPE_RATIO = 2.0
-
-# Minimum change of a pixel, as a fraction of the edge height: the surface of a round object, such as a ball,
-# recedes at its edges.
-_MIN_CHANGE = 0.1
-
-# Minimum decrease of coverage from pixel to pixel in a ramp: two equal adjacent values are a surface.
-_MIN_COVERAGE_STEP = 0.02
 
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -93,11 +84,11 @@ def _detect(
     check_finite("disparity", disparity)
     check_choice("filtered", filtered, ("disparity", "depth"))
     values = np.asarray(disparity, np.float64)
-    min_height = _MIN_EDGE * float(np.ptp(values))
+    min_height = MIN_MIXED_EDGE * float(np.ptp(values))
     rows, columns = np.nonzero(_span(values) > min_height)
     corrected = np.zeros(rows.size)
     ramp_length = np.full(rows.size, np.inf)  # pixels between the surfaces on the shortest ramp so far
-    pairs = [(i, j) for i, j in product(range(1, _MAX_RAMP_PX + 1), repeat=2) if i + j <= _MAX_RAMP_PX + 1]
+    pairs = [(i, j) for i, j in product(range(1, MAX_RAMP_PX + 1), repeat=2) if i + j <= MAX_RAMP_PX + 1]
     for (dy, dx), (i, j) in product(_DIRECTIONS, sorted(pairs, key=sum)):
         distance = (i + j) * np.hypot(dy, dx)
         candidates = np.flatnonzero(ramp_length > distance)
@@ -141,13 +132,13 @@ def _classify(
     first, last = line[:, 1], line[:, -2]
     slopes = np.diff(line, axis=1)  # slopes of the ramp, and of the surfaces at both ends
     surface_slope = np.maximum(np.abs(slopes[:, 0]), np.abs(slopes[:, -1]))
-    steep = np.abs(slopes[:, 1:-1]).min(axis=1) > _MIN_SLOPE_RATIO * surface_slope
+    steep = np.abs(slopes[:, 1:-1]).min(axis=1) > MIN_SLOPE_RATIO * surface_slope
     # The lower bound avoids infinite depth at disparity 0.
     linear = 1 / np.maximum(line, 1e-30) if filtered == "depth" else line
     with np.errstate(divide="ignore", invalid="ignore"):  # both surfaces are equal
         coverage = (linear - linear[:, -2:-1]) / (linear[:, 1:2] - linear[:, -2:-1])  # from 1 to 0
-        falling = (np.diff(coverage[:, 1:-1], axis=1) < -_MIN_COVERAGE_STEP).all(axis=1)
+        falling = (np.diff(coverage[:, 1:-1], axis=1) < -MIN_COVERAGE_STEP).all(axis=1)
     height = np.abs(first - last)
     surface = np.where(coverage[:, centre] > 0.5, first, last)
-    differs = np.abs(line[:, centre] - surface) > _MIN_CHANGE * height
+    differs = np.abs(line[:, centre] - surface) > MIN_MIXED_CHANGE * height
     return steep & falling & differs & (height > min_height), surface

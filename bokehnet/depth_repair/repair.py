@@ -26,7 +26,7 @@ from bokehnet.arrays.halving import halvings
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import warn_deprecated
 from bokehnet.depth_repair.acceptance import accepted_blocks, block_pixels, changed_pixels
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MAX_RESIDUAL_RATIO, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
@@ -47,10 +47,6 @@ __all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap"]
 
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
-
-# Maximum ratio of the residuals of a soft map with and without its growth corrected at which the corrected
-# one is used. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
-_MAX_RESIDUAL_RATIO = 0.73
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -262,7 +258,7 @@ class DisparityRepair:
                 blur = estimate_blur(placed, values, mask)
             versions.append((blur.residual, mask, values))
         first, last = versions[0], versions[-1]
-        _, mask, values = last if last[0] < _MAX_RESIDUAL_RATIO * first[0] else first
+        _, mask, values = last if last[0] < MAX_RESIDUAL_RATIO * first[0] else first
         return snap_soft_edges(image, values, mask, span) if "snap" in stages else values
 
 

@@ -12,12 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["undo_pixel_repetition"]
+from bokehnet.depth_repair.config import MIN_CHANGES, MIN_CHANGING_FRACTION
 
-# Minimum number of changes, and minimum fraction of block borders with a change: otherwise the map may be a
-# synthetic scene.
-_MIN_CHANGES = 8
-_MIN_CHANGING_FRACTION = 0.5
+__all__ = ["undo_pixel_repetition"]
 
 
 def undo_pixel_repetition(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -49,10 +46,10 @@ def _block_starts(values: NDArray[np.float32], axis: int) -> NDArray[np.intp] | 
     lines = np.moveaxis(values, axis, 0)
     length = len(lines)
     changes = 1 + np.flatnonzero(np.any(lines[1:] != lines[:-1], axis=1))
-    if len(changes) < _MIN_CHANGES or (shortest := int(np.diff(changes).min())) < 2:
+    if len(changes) < MIN_CHANGES or (shortest := int(np.diff(changes).min())) < 2:
         return None
     for count in range(-(-length // (shortest + 1)), length // max(1, shortest - 1) + 1):
-        if len(changes) < _MIN_CHANGING_FRACTION * (count - 1):
+        if len(changes) < MIN_CHANGING_FRACTION * (count - 1):
             return None
         for block in _block_numbers(length, count):
             starts = np.searchsorted(block, np.arange(count))

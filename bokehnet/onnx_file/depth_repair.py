@@ -12,16 +12,17 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, NEAR_PX
-from bokehnet.depth_repair.stages.deblur import MEDIAN_PASSES, snap_soft_edges
-from bokehnet.depth_repair.stages.sharpen import (
+from bokehnet.depth_repair.config import (
     MAX_SLOPE_CHANGE,
+    MEDIAN_PASSES,
     MIN_DISTANCE_FROM_EXTREMES,
-    RADII_PX,
+    MIN_EDGE_HEIGHT,
+    NEAR_PX,
+    SHARPENING_RADII_PX,
     SLOPE_STRIDE_PX,
-    repair_soft_edges,
-    soft_mask,
 )
+from bokehnet.depth_repair.stages.deblur import snap_soft_edges
+from bokehnet.depth_repair.stages.sharpen import repair_soft_edges, soft_mask
 from bokehnet.errors import ModelFileError
 from bokehnet.io.files.atomic import write_bytes
 from bokehnet.onnx_file.builder import Graph, Value
@@ -106,7 +107,7 @@ def _weighted_medians(
 def _sharp(g: Graph, values: Value, on_slope: Value, min_height: Value) -> Value:
     """Return the map with soft edges made sharp at the middle between both sides."""
     sharp = values
-    for radius in RADII_PX:
+    for radius in SHARPENING_RADII_PX:
         low, high = local_extremes(g, sharp, radius)
         nearer = g.where(high - sharp < sharp - low, high, low)
         changed = (high - low > min_height) & ~nearer.equals(sharp) & ~on_slope

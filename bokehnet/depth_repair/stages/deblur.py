@@ -21,44 +21,28 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, MAX_SAMPLES, MIN_EDGE_HEIGHT, NEAR_PX
+from bokehnet.depth_repair.config import (
+    BLUR_RADIUS,
+    BLUR_SIGMA_RATIO,
+    BLUR_SIGMAS_PX,
+    COLOR_VARIANCE,
+    MAX_SAMPLES,
+    MEDIAN_PASSES,
+    MIN_EDGE_HEIGHT,
+    VAN_CITTERT_ITERATIONS,
+)
 from bokehnet.depth_repair.filters import weighted_median
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = [
     "MEDIAN_HALO_PX",
-    "MEDIAN_PASSES",
     "BlurEstimate",
     "blur_map",
     "estimate_blur",
     "restore_blurred_detail",
     "snap_soft_edges",
 ]
-
-# Candidates for the standard deviation of the blur, pixels, and the ratio of each and the one before; the
-# smallest one means that the map is not soft.
-_SIGMA_RATIO = 1.25
-_SIGMAS_PX = tuple(_SIGMA_RATIO**i for i in range(1, 9))
-
-# Radius of the Gaussian, in standard deviations.
-_GAUSSIAN_RADIUS = 3
-
-# Half width of a window, in standard deviations of the blur.
-_WINDOW_RADIUS = 2.0
-
-# Regularisation of the guided filter: variance of encoded colours that is regarded as noise.
-_COLOR_VARIANCE = 1e-4
-
-# Number of van Cittert iterations.
-_ITERATIONS = 2
-
-# Passes of the weighted median: half width of the window, pixels, and standard deviation of encoded colours.
-MEDIAN_PASSES = (
-    (BLOCK_PX, COLOR_SIGMA / 2),
-    (BLOCK_PX // 2, COLOR_SIGMA / 2),
-    (NEAR_PX, 2 * COLOR_SIGMA),
-)
 
 # Distance up to which the weighted medians depend on a pixel, pixels.
 MEDIAN_HALO_PX = sum(radius for radius, _ in MEDIAN_PASSES)
@@ -79,7 +63,7 @@ def _convolve(padded, weights, row_step, column_step, result):  # type: ignore[n
 
 def _gaussian(sigma: float) -> np.ndarray:
     """Return the weights of a one-dimensional Gaussian, float32, with sum 1."""
-    radius = math.ceil(_GAUSSIAN_RADIUS * sigma)
+    radius = math.ceil(BLUR_RADIUS * sigma)
     weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return np.asarray(weights / weights.sum(), np.float32)
 
@@ -150,16 +134,16 @@ def estimate_blur(original: np.ndarray, repaired: np.ndarray, soft: np.ndarray) 
     stride = -(-len(ys) // MAX_SAMPLES)
     ys, xs = ys[::stride], xs[::stride]
     mean_roots, residuals = [], np.empty(len(ys), np.float32)
-    for sigma in _SIGMAS_PX:
+    for sigma in BLUR_SIGMAS_PX:
         with parallel_region:
             _residuals_at(original, repaired, ys, xs, _gaussian(sigma), residuals)
         mean_roots.append(float(np.sqrt(residuals).mean()))
     best = int(np.argmin(mean_roots))
     if best in (0, len(mean_roots) - 1):
-        return BlurEstimate(_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
+        return BlurEstimate(BLUR_SIGMAS_PX[best] if best else 0.0, mean_roots[best])
     before, minimum, after = mean_roots[best - 1 : best + 2]
     vertex = 0.5 * (before - after) / max(before - 2 * minimum + after, 1e-12)  # of the parabola
-    return BlurEstimate(_SIGMAS_PX[best] * _SIGMA_RATIO**vertex, minimum)
+    return BlurEstimate(BLUR_SIGMAS_PX[best] * BLUR_SIGMA_RATIO**vertex, minimum)
 
 
 @njit(cache=True)
@@ -271,14 +255,14 @@ def restore_blurred_detail(
     soft = blur_map(sharp, sigma)
     low = min(float(original.min()), float(repaired.min()))
     high = max(float(original.max()), float(repaired.max()))
-    radius = round(_WINDOW_RADIUS * sigma)
+    radius = round(BLUR_RADIUS * sigma)
     result, mask = repaired.copy(), np.empty(original.shape, bool)
-    for _ in range(_ITERATIONS):
+    for _ in range(VAN_CITTERT_ITERATIONS):
         residual = original - blur_map(result, sigma)
         fitted = np.zeros((*original.shape, 4), np.float32)
         with parallel_region:
             _mark_residuals(residual, MIN_EDGE_HEIGHT * (high - low), radius, mask)
-            _fit(residual, soft, mask, radius, _COLOR_VARIANCE, fitted)
+            _fit(residual, soft, mask, radius, COLOR_VARIANCE, fitted)
             _add_detail(fitted, sharp, mask, radius, result)
         np.clip(result, low, high, out=result)
     return result

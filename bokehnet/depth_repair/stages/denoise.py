@@ -16,19 +16,17 @@ from itertools import product
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.config import COLOR_SIGMA, NEAR_PX
+from bokehnet.depth_repair.config import (
+    COLOR_SIGMA,
+    MAX_WRONG_FRACTION,
+    MIN_WRONG_FRACTION,
+    NEAR_PX,
+    NOISE_SIGMAS,
+)
 from bokehnet.depth_repair.filters import extend_rows, joint_bilateral
 from bokehnet.optics.encoding import encode
 
 __all__ = ["denoise_map", "without_outliers"]
-
-# Half width of the window in samples, also the distance of the samples in the first pass, pixels; and
-# standard deviation of disparities, in those of the noise.
-_RADIUS, _SIGMAS = 3, 2.0
-
-# Bounds of the fraction of wrong pixels: exact maps have up to 0.0003, and above the upper bound they are the
-# content.
-_MIN_OUTLIERS, _MAX_OUTLIERS = 0.0005, 0.01
 
 
 def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> np.ndarray:
@@ -40,9 +38,9 @@ def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> n
         deviation: Standard deviation of the noise, in the unit of the map.
     """
     colors = np.asarray(encode(image), np.float32)
-    for spacing, color_sigma in ((_RADIUS, COLOR_SIGMA), (1, math.inf)):
+    for spacing, color_sigma in ((NEAR_PX, COLOR_SIGMA), (1, math.inf)):
         disparity = joint_bilateral(
-            colors, disparity, _RADIUS, color_sigma, _SIGMAS * deviation, spacing=spacing
+            colors, disparity, NEAR_PX, color_sigma, NOISE_SIGMAS * deviation, spacing=spacing
         )
     return disparity
 
@@ -75,7 +73,7 @@ def without_outliers(
     corrected = make_in_row_blocks(make, disparity.shape, np.float32)
     measured = np.count_nonzero(corrected != disparity) / disparity.size
     decisive = measured if fraction is None else fraction
-    if measured and _MIN_OUTLIERS <= decisive <= _MAX_OUTLIERS:
+    if measured and MIN_WRONG_FRACTION <= decisive <= MAX_WRONG_FRACTION:
         return corrected, measured
     return disparity, 0.0
 

@@ -9,11 +9,10 @@ import math
 
 import numpy as np
 
-from bokehnet.depth_repair.config import BLOCK_PX
+from bokehnet.depth_repair.config import BLOCK_PX, LINE_STEP_PX, TURN_RAD, WEIGHT_DECREASE
 from bokehnet.kernels import njit
 
 __all__ = [
-    "STEP_PX",
     "color_difference_at",
     "half_width",
     "interpolate",
@@ -24,12 +23,6 @@ __all__ = [
     "steer",
     "tangent",
 ]
-
-# Length of a step along a line, pixels.
-STEP_PX = 1.5
-
-# Relative decrease of the weight of a colour change per pixel of its distance from the centre line.
-_WEIGHT_DECREASE = 0.08
 
 
 @njit(cache=True)
@@ -85,7 +78,7 @@ def line_contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # type: ignore[no-untyped-def]
+def steer(picture, y, x, angle, max_turns, ahead, reference, profile):  # type: ignore[no-untyped-def]
     """Return the angle near ``angle`` with the least change of the profile, and this change.
 
     The change is measured from ``reference``, or, if its first row is NaN, from the profile at the start of
@@ -95,13 +88,13 @@ def steer(picture, y, x, angle, max_turns, turn, ahead, reference, profile):  # 
     start = np.empty((3, 3))
     least_change, best_angle = np.inf, angle
     for number in range(2 * max_turns + 1):  # straight on first, then by size
-        candidate = angle + turn * ((number + 1) // 2) * (1 if number % 2 else -1)
+        candidate = angle + TURN_RAD * ((number + 1) // 2) * (1 if number % 2 else -1)
         down, right = math.sin(candidate), math.cos(candidate)
         if uses_start:
             sample_profile(picture, y, x, down, right, start)
         change = 0.0
         for step in range(1, ahead + 1):
-            distance = step * STEP_PX
+            distance = step * LINE_STEP_PX
             sample_profile(picture, y + distance * down, x + distance * right, down, right, profile)
             change += profile_difference(profile, start if uses_start else reference) / ahead
         if change < least_change:
@@ -129,11 +122,11 @@ def half_width(picture, y, x, down, right, side):  # type: ignore[no-untyped-def
     largest_change, best_distance = 0.0, 1.0
     for k in range(1, BLOCK_PX):
         distance = 0.5 * k
-        inner, outer = side * (distance - STEP_PX / 2), side * (distance + STEP_PX / 2)
+        inner, outer = side * (distance - LINE_STEP_PX / 2), side * (distance + LINE_STEP_PX / 2)
         change = color_difference_at(
             picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down
         )
-        change *= 1.0 - _WEIGHT_DECREASE * distance
+        change *= 1.0 - WEIGHT_DECREASE * distance
         if change > largest_change:
             largest_change, best_distance = change, distance
     return best_distance

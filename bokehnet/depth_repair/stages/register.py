@@ -19,14 +19,11 @@ from itertools import product
 
 import numpy as np
 
-from bokehnet.depth_repair.config import MAX_SAMPLES, RepairConfig
-from bokehnet.depth_repair.edge_profile import STANDARD_ERRORS, EdgeSamples, sample_edges
+from bokehnet.depth_repair.config import MAX_SAMPLES, STANDARD_ERRORS, RepairConfig
+from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
 __all__ = ["NO_PLACEMENT", "Placement", "find_placement", "verified"]
-
-# Spacing of the coarse grid of translations, pixels.
-_STRIDE_PX = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -97,9 +94,9 @@ def _best(offsets: list[tuple[int, int]], growths: range, edges: EdgeSamples) ->
 
 
 def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
-    """Return the displacement with the best agreement, from a coarse to a fine grid of translations."""
-    coarse = range(-reach + reach % _STRIDE_PX, reach + 1, _STRIDE_PX)
-    rough = _best(list(product(coarse, coarse)), growths[::_STRIDE_PX], edges)
+    """Return the displacement with the best agreement: of every second one, then of its neighbours."""
+    coarse = range(-reach + reach % 2, reach + 1, 2)
+    rough = _best(list(product(coarse, coarse)), growths[::2], edges)
     around = [(rough.offset[0] + y, rough.offset[1] + x) for y, x in product((-1, 0, 1), repeat=2)]
     near = range(max(growths[0], rough.growth - 1), min(growths[-1], rough.growth + 1) + 1)
     return _best(around, near, edges)

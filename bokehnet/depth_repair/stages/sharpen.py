@@ -11,14 +11,17 @@ In: a map (H, W), any unit. Out: the map with sharp edges, in the same unit.
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
-from bokehnet.depth_repair.config import MIN_EDGE_HEIGHT, NEAR_PX
+from bokehnet.depth_repair.config import (
+    MAX_SLOPE_CHANGE,
+    MIN_DISTANCE_FROM_EXTREMES,
+    MIN_EDGE_HEIGHT,
+    NEAR_PX,
+    SHARPENING_RADII_PX,
+    SLOPE_STRIDE_PX,
+)
 from bokehnet.depth_repair.filters import extend_rows, local_extremes
 
 __all__ = [
-    "MAX_SLOPE_CHANGE",
-    "MIN_DISTANCE_FROM_EXTREMES",
-    "RADII_PX",
-    "SLOPE_STRIDE_PX",
     "repair_soft_edges",
     "slope_mask",
     "soft_edge_fraction",
@@ -26,16 +29,6 @@ __all__ = [
     "soft_pixels",
 ]
 
-# Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height.
-MIN_DISTANCE_FROM_EXTREMES = 0.2
-
-# Half widths of the windows in each pass, pixels; together they sharpen ramps of ten pixels.
-RADII_PX = (3, 2)
-
-# Slope test: the rise over this stride (pixels) at a pixel must continue on both sides, with a sum of
-# differences below this fraction of the rise. Gaussians wider than 6 pixels and ramps longer than 13 pixels
-# pass as slopes.
-SLOPE_STRIDE_PX, MAX_SLOPE_CHANGE = 3, 0.75
 _SLOPE_HALO_PX = 3 * SLOPE_STRIDE_PX
 
 
@@ -137,9 +130,9 @@ def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.nd
     min_height = MIN_EDGE_HEIGHT * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = extend_rows(rows, _SLOPE_HALO_PX + sum(RADII_PX))
+        window, inner = extend_rows(rows, _SLOPE_HALO_PX + sum(SHARPENING_RADII_PX))
         sharp = values = disparity[window]
-        for radius in RADII_PX:
+        for radius in SHARPENING_RADII_PX:
             low, high = local_extremes(sharp, radius)
             nearer = np.where(high - sharp < sharp - low, high, low)
             changed = (high - low > min_height) & (nearer != sharp)

@@ -14,26 +14,20 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, COLOR_SIGMA, NEAR_PX
+from bokehnet.depth_repair.config import (
+    COLOR_SIGMA,
+    GROWTH_RADIUS_PX,
+    MAX_HALF_WIDTH_PX,
+    MAX_NEAR_FRACTION,
+    MIN_WEIGHT,
+    MIN_WEIGHT_RATIO,
+    NEAR_PX,
+)
 from bokehnet.depth_repair.filters import local_extremes, shift_edges
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = ["grow_thin_structures", "thin_fraction"]
-
-# Half width of the window in which colours are compared, pixels.
-_COLOR_RADIUS_PX = 12
-
-# Minimum ratio of the mean weights of near and far pixels, and minimum weight of the most similar near pixel.
-_MIN_RATIO, _MIN_WEIGHT = 2.0, 0.3
-
-# Maximum fraction of near pixels in the window: at the end of a piece they are few, at the side of a large
-# surface, into which lines of the background run, about half.
-_MAX_NEAR_FRACTION = 0.38
-
-# Half width of the window that grown structures must not fill, pixels; thin structures of a map do not fill
-# one of ``NEAR_PX``.
-_MAX_HALF_WIDTH_PX = BLOCK_PX // 2
 
 
 @njit(cache=True, parallel=True)
@@ -53,8 +47,8 @@ def _joined(colors, disparity, ys, xs, min_height, values):  # type: ignore[no-u
         middle = 0.5 * (near + own)
         near_sum = far_sum = highest = 0.0
         near_count = far_count = 0
-        for v in range(max(0, y - _COLOR_RADIUS_PX), min(height, y + _COLOR_RADIUS_PX + 1)):
-            for u in range(max(0, x - _COLOR_RADIUS_PX), min(width, x + _COLOR_RADIUS_PX + 1)):
+        for v in range(max(0, y - GROWTH_RADIUS_PX), min(height, y + GROWTH_RADIUS_PX + 1)):
+            for u in range(max(0, x - GROWTH_RADIUS_PX), min(width, x + GROWTH_RADIUS_PX + 1)):
                 value = disparity[v, u]
                 if value >= near + min_height or (v == y and u == x):
                     continue
@@ -68,9 +62,9 @@ def _joined(colors, disparity, ys, xs, min_height, values):  # type: ignore[no-u
                 else:
                     far_sum, far_count = far_sum + weight, far_count + 1
         if (
-            near_count <= _MAX_NEAR_FRACTION * (near_count + far_count)
-            and near_sum * far_count > _MIN_RATIO * far_sum * near_count
-            and highest > _MIN_WEIGHT
+            near_count <= MAX_NEAR_FRACTION * (near_count + far_count)
+            and near_sum * far_count > MIN_WEIGHT_RATIO * far_sum * near_count
+            and highest > MIN_WEIGHT
         ):
             values[i] = near
 
@@ -99,7 +93,7 @@ def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: f
         new = np.zeros(border.shape, bool)
         new[ys[joined], xs[joined]] = True
         border = local_extremes(new, 1)[1] & ~new
-    return np.where(_thin_pixels(result, _MAX_HALF_WIDTH_PX, min_height), result, disparity)
+    return np.where(_thin_pixels(result, MAX_HALF_WIDTH_PX, min_height), result, disparity)
 
 
 def thin_fraction(disparity: np.ndarray, min_height: float) -> float:

@@ -29,10 +29,24 @@ from numba import prange
 
 from bokehnet.arrays.box_mean import box_mean
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.depth_repair.config import BLOCK_PX, NEAR_PX
+from bokehnet.depth_repair.config import (
+    BLOCK_PX,
+    FIRST_STEPS_AHEAD,
+    FIRST_TURNS,
+    LIKELY_CONTRAST_RATIO,
+    LINE_COLOR_DIFFERENCE,
+    LINE_INSET_PX,
+    LINE_STEP_PX,
+    MAX_SEED_DISTANCE_PX,
+    MIN_CONTRAST_RATIO,
+    MIN_RESTORED,
+    NEAR_PX,
+    NEIGHBOURHOOD_PX,
+    STEPS_AHEAD,
+    TURNS,
+)
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.line_profile import (
-    STEP_PX,
     color_difference_at,
     half_width,
     interpolate,
@@ -47,29 +61,6 @@ from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
 __all__ = ["restore_thin_structures"]
-
-# Maximum distance of a seed from a piece, pixels; the minimum is ``NEAR_PX``.
-_MAX_SEED_DISTANCE_PX = BLOCK_PX // 2
-
-# Turns: number of candidates on each side, at a step and at the start, and their spacing, radians.
-_TURNS, _FIRST_TURNS, _TURN_RAD = 3, 6, 0.15
-
-# Number of steps ahead by which turns are compared; the same at the start.
-_LOOKAHEAD_STEPS, _FIRST_LOOKAHEAD_STEPS = 3, 5
-
-# Squared difference of encoded colours, summed over channels: maximum change of the profile of a line and
-# maximum difference from its piece; minimum contrast of a line and its surroundings.
-_COLOR_DIFFERENCE = 0.02
-
-# Minimum ratio of the contrast, its lower decile, and the change along a line; of likely lines, which light
-# and shadow may cross.
-_MIN_CONTRAST_RATIO, _LIKELY_CONTRAST_RATIO = 20.0, 4.0
-
-# Likely lines: half width of the neighbourhood, pixels, and its minimum restored fraction.
-_NEIGHBOURHOOD_PX, _MIN_RESTORED = 8 * BLOCK_PX, 0.03
-
-# Reduction of each half width when a line is drawn, pixels, because several traces may overlap.
-_INSET_PX = 0.25
 
 
 @njit(cache=True)
@@ -103,16 +94,16 @@ def _trace(picture, disparity, min_height, y, x, depth, angle, likely, points): 
     sample_profile(picture, y, x, math.sin(angle), math.cos(angle), reference)
     change = 0.0
     for count in range(len(points) - BLOCK_PX):
-        angle, _ = steer(picture, y, x, angle, _TURNS, _TURN_RAD, _LOOKAHEAD_STEPS, reference, profile)
+        angle, _ = steer(picture, y, x, angle, TURNS, STEPS_AHEAD, reference, profile)
         down, right = math.sin(angle), math.cos(angle)
-        y, x = y + STEP_PX * down, x + STEP_PX * right
+        y, x = y + LINE_STEP_PX * down, x + LINE_STEP_PX * right
         value_ahead = _disparity_at(disparity, y, x)
         leaves = math.isnan(value_ahead)
         if leaves or value_ahead > depth + min_height:
             return count, change / max(count, 1), not (likely and leaves)
         sample_profile(picture, y, x, down, right, profile)
         profile_change = profile_difference(profile, reference)
-        if profile_change > _COLOR_DIFFERENCE:
+        if profile_change > LINE_COLOR_DIFFERENCE:
             return count, change / max(count, 1), True
         change += profile_change
         ahead = _distance_to_end(disparity, depth, min_height, y, x, down, right)
@@ -165,11 +156,11 @@ def _is_line(picture, points, count, change, color, likely):  # type: ignore[no-
     for c in range(3):
         change += max(0.0, square[c] - mean[c] * mean[c])
         color_difference += (mean[c] - color[c]) ** 2
-    if color_difference > _COLOR_DIFFERENCE:
+    if color_difference > LINE_COLOR_DIFFERENCE:
         return False
     contrast = order_statistic(contrasts, count // 10)
-    ratio = _LIKELY_CONTRAST_RATIO if likely else _MIN_CONTRAST_RATIO
-    return contrast > max(_COLOR_DIFFERENCE, ratio * change)
+    ratio = LIKELY_CONTRAST_RATIO if likely else MIN_CONTRAST_RATIO
+    return contrast > max(LINE_COLOR_DIFFERENCE, ratio * change)
 
 
 @njit(cache=True)
@@ -192,16 +183,14 @@ def _trace_from_seed(picture, disparity, min_height, seed, color, points):  # ty
     """
     y, x, v, u = seed
     likely = not math.isnan(color[0])
-    if color_difference_at(picture, y, x, v, u) > _COLOR_DIFFERENCE:
+    if color_difference_at(picture, y, x, v, u) > LINE_COLOR_DIFFERENCE:
         return 0
     profile, unset = np.empty((3, 3)), np.full((3, 3), np.nan)
     angle = math.atan2(y - v, x - u)
-    angle, change = steer(
-        picture, y, x, angle, _FIRST_TURNS, _TURN_RAD, _FIRST_LOOKAHEAD_STEPS, unset, profile
-    )
+    angle, change = steer(picture, y, x, angle, FIRST_TURNS, FIRST_STEPS_AHEAD, unset, profile)
     if (
-        change > _COLOR_DIFFERENCE
-        or line_contrast(picture, y, x, math.sin(angle), math.cos(angle)) < _COLOR_DIFFERENCE
+        change > LINE_COLOR_DIFFERENCE
+        or line_contrast(picture, y, x, math.sin(angle), math.cos(angle)) < LINE_COLOR_DIFFERENCE
     ):
         return 0
     depth = _depth_inside(disparity, v, u)
@@ -218,13 +207,17 @@ def _trace_from_seed(picture, disparity, min_height, seed, color, points):  # ty
     sample_profile(picture, y, x, down, right, reference)
     distance = math.sqrt((y - v) * (y - v) + (x - u) * (x - u))
     y, x = y - distance * down, x - distance * right
-    if _change_inside(picture, y, x, -down, -right, reference[::-1], profile) > _COLOR_DIFFERENCE:
+    if _change_inside(picture, y, x, -down, -right, reference[::-1], profile) > LINE_COLOR_DIFFERENCE:
         return 0
     if is_open:
         return count if likely or _is_thin(disparity, depth - min_height, y, x, -down, -right) else 0
     y, x = points[count - 1]
     down, right = tangent(points, count, count - 1)
-    return count if _change_inside(picture, y, x, down, right, reference, profile) <= _COLOR_DIFFERENCE else 0
+    return (
+        count
+        if _change_inside(picture, y, x, down, right, reference, profile) <= LINE_COLOR_DIFFERENCE
+        else 0
+    )
 
 
 @njit(cache=True, parallel=True)
@@ -233,14 +226,14 @@ def _find_seeds(disparity, min_height, ys, xs, seeds, is_marked):  # type: ignor
     height, width = disparity.shape
     for i in prange(len(ys)):
         y, x = ys[i], xs[i]
-        nearest_squared = 2 * _MAX_SEED_DISTANCE_PX * _MAX_SEED_DISTANCE_PX
-        for v in range(max(0, y - _MAX_SEED_DISTANCE_PX), min(height, y + _MAX_SEED_DISTANCE_PX + 1)):
-            for u in range(max(0, x - _MAX_SEED_DISTANCE_PX), min(width, x + _MAX_SEED_DISTANCE_PX + 1)):
+        nearest_squared = 2 * MAX_SEED_DISTANCE_PX * MAX_SEED_DISTANCE_PX
+        for v in range(max(0, y - MAX_SEED_DISTANCE_PX), min(height, y + MAX_SEED_DISTANCE_PX + 1)):
+            for u in range(max(0, x - MAX_SEED_DISTANCE_PX), min(width, x + MAX_SEED_DISTANCE_PX + 1)):
                 distance_squared = (v - y) * (v - y) + (u - x) * (u - x)
                 if distance_squared < nearest_squared and disparity[v, u] > disparity[y, x] + min_height:
                     nearest_squared = distance_squared
                     seeds[i, 0], seeds[i, 1], seeds[i, 2], seeds[i, 3] = y, x, v, u
-        is_marked[i] = NEAR_PX * NEAR_PX < nearest_squared <= _MAX_SEED_DISTANCE_PX * _MAX_SEED_DISTANCE_PX
+        is_marked[i] = NEAR_PX * NEAR_PX < nearest_squared <= MAX_SEED_DISTANCE_PX * MAX_SEED_DISTANCE_PX
 
 
 @njit(cache=True, parallel=True)
@@ -268,15 +261,15 @@ def _draw_lines(picture, disparity, min_height, seeds, colors, result):  # type:
         for i in range(count):
             down, right = tangent(points, count, i)
             first, last = max(0, i - BLOCK_PX // 2), min(count, i + BLOCK_PX // 2 + 1)
-            width_before = order_statistic(sides[0, first:last], (last - first) // 2) - _INSET_PX
-            width_after = order_statistic(sides[1, first:last], (last - first) // 2) - _INSET_PX
+            width_before = order_statistic(sides[0, first:last], (last - first) // 2) - LINE_INSET_PX
+            width_after = order_statistic(sides[1, first:last], (last - first) // 2) - LINE_INSET_PX
             reach = int(max(width_before, width_after)) + 2
             row, column = int(points[i, 0]), int(points[i, 1])
             for y in range(max(0, row - reach), min(height, row + reach + 1)):
                 for x in range(max(0, column - reach), min(width, column + reach + 1)):
                     v, u = y - points[i, 0], x - points[i, 1]
                     if (
-                        abs(v * down + u * right) <= STEP_PX
+                        abs(v * down + u * right) <= LINE_STEP_PX
                         and -width_before <= v * right - u * down <= width_after
                     ):
                         result[y, x] = max(result[y, x], depth)
@@ -296,7 +289,7 @@ def restore_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height
     result = disparity.copy()
     if min(disparity.shape) < 2:
         return result
-    ys, xs = np.nonzero(local_extremes(disparity, _MAX_SEED_DISTANCE_PX)[1] > disparity + min_height)
+    ys, xs = np.nonzero(local_extremes(disparity, MAX_SEED_DISTANCE_PX)[1] > disparity + min_height)
     picture = encode(np.minimum(image, 1.0)).astype(np.float32, copy=False)
     seeds, is_marked = np.empty((len(ys), 4), np.int64), np.empty(len(ys), np.bool_)
     with parallel_region:
@@ -306,12 +299,12 @@ def restore_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height
     restored = np.asarray(result != disparity, np.float32)
     if restored.any():
         rows, columns = seeds[:, 0], seeds[:, 1]
-        fraction = box_mean(restored, _NEIGHBOURHOOD_PX)[rows, columns]
+        fraction = box_mean(restored, NEIGHBOURHOOD_PX)[rows, columns]
         sums = [
-            box_mean(restored * channel, _NEIGHBOURHOOD_PX)[rows, columns]
+            box_mean(restored * channel, NEIGHBOURHOOD_PX)[rows, columns]
             for channel in picture.transpose(2, 0, 1)
         ]
-        likely = fraction >= _MIN_RESTORED
+        likely = fraction >= MIN_RESTORED
         colors = np.stack(sums, 1, dtype=np.float64)[likely] / fraction[likely, None]
         _draw(picture, disparity, min_height, seeds[likely], colors, result)
     return result
