@@ -85,15 +85,30 @@ class SectionedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the words of a command line; errors know the command."""
+        words = list(args)  # the parser consumes its list
         try:
             return super().parse_args(ctx, args)
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
-            if "extra argument" in error.message and self.group_of("--disparity"):
-                word = error.message.rpartition("(")[2].rstrip(").")
-                hint = _NUMBERS_HINT if word.replace(".", "").isdecimal() else _MAP_HINT
-                raise click.UsageError(f"{error.message.rstrip('.')}; {hint}", error.ctx) from error
+            if problem := self._problem_of_loose_words(error, words):
+                raise click.UsageError(problem, error.ctx) from error
             raise
+
+    def _problem_of_loose_words(self, error: click.UsageError, words: Sequence[str]) -> str:
+        """Return a message with a remedy for words that belong to no option; empty for other errors.
+
+        A negative number such as ``-20`` is one of them: click reads it as the option ``-2``.
+        """
+        if not self.group_of("--disparity"):
+            return ""
+        if isinstance(error, click.NoSuchOption):
+            numbers = [word for word in words if word.startswith(error.option_name) and _is_number(word)]
+            return f"Got unexpected number {numbers[0]}; {_NUMBERS_HINT}" if numbers else ""
+        if "extra argument" not in error.message:
+            return ""
+        extra = error.message.rpartition("(")[2].rstrip(").").split()
+        hint = _NUMBERS_HINT if all(map(_is_number, extra)) else _MAP_HINT
+        return f"{error.message.rstrip('.')}; {hint}"
 
     def sections(self) -> dict[str, str]:
         """Return the title of each group of options by name."""
@@ -201,6 +216,14 @@ def completion(words: Callable[[], Iterable[str]], *, files: bool = False) -> An
         return [*items, CompletionItem(incomplete, type="file")] if files else items
 
     return complete
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _print_help(ctx: click.Context, text: Callable[[click.Context], str]) -> None:
