@@ -183,6 +183,10 @@ class ErrorCollector:
         except ParameterError as error:
             self._errors.append(error)
 
+    def add(self, errors: Iterable[ParameterError]) -> None:
+        """Keep errors that were not raised."""
+        self._errors += errors
+
     def raise_all(self) -> None:
         """Raise the errors as one, if there are any; the first one has the attributes."""
         if self._errors:

@@ -5,7 +5,7 @@ the command line thus follow the same rules and raise the same errors.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import wraps
 from typing import Any
@@ -56,10 +56,18 @@ COMMON_OPTIONS = {
 _QUOTED = re.compile(r"`([^`]+)`")
 
 
-def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_options(
+    groups: Sequence[type[Group]], *, conflicts: Callable[..., Iterable[ParameterError]] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds all options of some groups of settings to a command.
 
     The command's parameter ``option_values`` receives the values that the user set.
+
+    Args:
+        groups: Groups of settings.
+        conflicts: Function that returns the contradictions between the command's own options, to report them
+            beside invalid options. Its parameters are the command's, with the valid ``option_values``, and
+            ``invalid``, the names of the groups with invalid options.
     """
     known = [item for group in groups for item in field_settings(group).values() if item.flag]
     titles = {group.TITLE: group.GROUP for group in reversed(groups)}  # groups of one title share its name
@@ -71,7 +79,11 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
             own = {name: word for name, word in words.items() if _SEPARATOR not in name}
             values, errors = _read(known, words)
             if errors:
-                raise _with_consequences(errors, values, own.get("settings"), own.get("preset"))
+                by_flag = {f"--{item.flag}": item.group for item in known}
+                invalid = {by_flag[error.parameter] for error in errors}
+                if conflicts is not None:
+                    errors += conflicts(**own, option_values=values, invalid=invalid)
+                raise _with_consequences(errors, values, invalid, own.get("settings"), own.get("preset"))
             function(**own, option_values=values)
 
         result: Callable[..., None] = run
@@ -99,12 +111,12 @@ def resolved_settings(file: str | None, preset: str | None, option_values: Optio
         return RenderSettings().updated(changes)
     except ParameterError as error:
         others = _focus_errors(changes)
-        told = error.with_others(others) if others else error
+        joined = error.with_others(others) if others else error
         is_from_file = file is not None and _is_set(error.parameter, _values_of(file))
         if is_from_file and not _is_set(error.parameter, option_values):
-            reason = str(told).removeprefix(told.parameter)
-            raise ConfigError(f"{file}: `{told.parameter}`{reason}") from error
-        raise told from error.__cause__
+            reason = str(joined).removeprefix(joined.parameter)
+            raise ConfigError(f"{file}: `{joined.parameter}`{reason}") from error
+        raise joined from error.__cause__
 
 
 def _is_set(parameter: str, values: OptionValues) -> bool:
@@ -124,19 +136,22 @@ def _layered(file: str | None, preset: str | None, option_values: OptionValues) 
 
 
 def _with_consequences(
-    errors: list[ParameterError], values: OptionValues, file: str | None, preset: str | None
+    errors: list[ParameterError],
+    values: OptionValues,
+    invalid: set[str],
+    file: str | None,
+    preset: str | None,
 ) -> ParameterError:
     """Return one error for invalid options and for the contradictions between the valid ones.
 
     Args:
-        errors: Errors of the invalid options.
+        errors: Errors of the invalid options and of the command's own options.
         values: Values of the valid options.
+        invalid: Groups with invalid options.
         file: Settings file.
         preset: Preset.
     """
     first, *others = errors
-    known = {f"--{item.flag}": item.group for item in all_settings().values() if item.flag}
-    invalid = {known[error.parameter] for error in errors if error.parameter in known}
     own = {item.group for item in all_settings().values()}
     with suppress(BokehnetError):  # a file or preset that cannot be read: its own error comes next
         changes = {group: fields for group, fields in _layered(file, preset, values).items() if group in own}
@@ -154,18 +169,19 @@ def _contradictions(changes: OptionValues, invalid: set[str]) -> list[ParameterE
     if "input" in invalid:
         return []
     valid = {group: fields for group, fields in changes.items() if group not in invalid}
-    found: list[ParameterError] = []
+    errors: list[ParameterError] = []
     try:
         settings = RenderSettings().updated(valid)
     except ParameterError as error:
-        found = [error, *_focus_errors(valid)]
+        errors = [error, *_focus_errors(valid)]
     else:
         try:
             check_focus(settings)
         except ParameterError as error:
-            found = [error]
-    mentioned = [{path.partition(".")[0] for path in (e.parameter, *_QUOTED.findall(str(e)))} for e in found]
-    return [error for error, groups in zip(found, mentioned, strict=True) if not groups & invalid]
+            errors = [error]
+    paths = [(error.parameter, *_QUOTED.findall(str(error))) for error in errors]
+    mentioned = [{path.partition(".")[0] for path in each} for each in paths]
+    return [error for error, groups in zip(errors, mentioned, strict=True) if not groups & invalid]
 
 
 def _focus_errors(changes: OptionValues) -> list[ParameterError]:

@@ -1,5 +1,6 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
+from collections.abc import Container, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +30,69 @@ bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 """
 
 
+def _is_many(image: str) -> bool:
+    """Return whether IMAGE is a folder, or a glob that is no file."""
+    return Path(image).is_dir() or (any(mark in image for mark in "*?[") and not Path(image).exists())
+
+
+def _conflicts(
+    image: str,
+    output: str | None,
+    quiet: bool,
+    verbose: bool,
+    option_values: OptionValues,
+    invalid: Container[str] = (),
+    **_others: object,
+) -> Iterator[ParameterError]:
+    """Yield the contradictions between arguments, flags and the options of sequences.
+
+    Args:
+        image: IMAGE.
+        output: Output file.
+        quiet: True for ``--quiet``.
+        verbose: True for ``--verbose``.
+        option_values: Values of the valid options.
+        invalid: Groups with invalid options, whose contradictions are left out.
+    """
+    from bokehnet.io.video.frames import is_video
+    from bokehnet.sequence.frame_names import is_pattern
+
+    if quiet and verbose:
+        yield ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
+    own = {group: option_values.get(group, {}) for group in ("sequence", "run")}
+    frames = own["sequence"].get("frames")
+    if is_video(image) or "sequence" in invalid:
+        return
+    if output is None and frames is not None:
+        expected = "a name with a placeholder for the frame, such as out.####.png"
+        yield ParameterError("--output", expected, shown="none")
+    if frames is None and _is_many(image):
+        if output is None:
+            yield ParameterError("--output", expected="a folder for many pictures", shown="none")
+        return
+    if own["run"].get("video_codec") is not None:
+        yield ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
+    if frames is not None:
+        return
+    if flags := _flags_of_sequences(option_values):
+        yield ParameterError("sequence.frames", f"frames such as 1-100 for {', '.join(flags)}", shown="none")
+    elif is_pattern(Path(image)) and not Path(image).exists():
+        expected = f"frames such as 1001-1100, since {image} names a sequence"
+        yield ParameterError("sequence.frames", expected, shown="none")
+
+
+def _flags_of_sequences(option_values: OptionValues) -> list[str]:
+    """Return the options that only sequences have, of those whose values are not the defaults."""
+    flags = []
+    for group in (SequenceSettings, RunSettings):
+        values = option_values.get(group.GROUP, {})
+        for name, field in field_settings(group).items():
+            is_set = values.get(name, field.default) != field.default
+            if is_set and name not in ("overwrite", "video_codec"):
+                flags.append(f"--{field.flag}")
+    return flags
+
+
 @click.command(cls=SectionedCommand, common=COMMON_OPTIONS, examples=_EXAMPLES)
 @argument("image", type=click.Path(), metavar="IMAGE", help="All-in-focus picture or video; folder or glob.")
 @click.option(
@@ -49,7 +113,7 @@ bokehnet render photo.jpg --disparity map.png --blur 40 --focus-at 600,400
 @click.option("--quiet", "-q", is_flag=True, help="Print only errors. Default: a one-line summary.")
 @click.option("--verbose", "-v", is_flag=True, help="Print the time of each step as well, for each frame.")
 @click.option("as_json", "--json", is_flag=True, help="Print the summary as one JSON object to stdout.")
-@with_options([*group_types(), SequenceSettings, RunSettings])
+@with_options([*group_types(), SequenceSettings, RunSettings], conflicts=_conflicts)
 def render(
     image: str,
     output: str | None,
@@ -65,18 +129,27 @@ def render(
     Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time, and all
     that was assumed.
     """
-    sequence, run = (
-        SequenceSettings(**option_values.pop("sequence", {})),
-        RunSettings(**option_values.pop("run", {})),
-    )
-    resolved = resolved_settings(settings, preset, option_values)
-    target = Path() if _is_many(image) else _output(image, output, sequence)
+    errors = ErrorCollector()
+    errors.add(_conflicts(image, output, quiet, verbose, option_values))
+    sequence = SequenceSettings(**option_values.pop("sequence", {}))
+    run = RunSettings(**option_values.pop("run", {}))
+    target = _default_output(image) if output is None else Path(output)
     # After parsing, so that --help stays fast.
+    from bokehnet.cli.render.checks import check_inputs, check_job
     from bokehnet.io.video.frames import is_video
     from bokehnet.render.output import check_lossy_options
 
+    is_single = not is_video(image) and not _is_many(image) and sequence.frames is None
+    with errors.collect():
+        resolved = resolved_settings(settings, preset, option_values)
+        with errors.collect():
+            if sequence.frames is not None or not _is_many(image):
+                check_lossy_options(target, resolved.output)
+        with errors.collect():
+            if is_single:
+                check_job(Path(image), target, resolved)
+    errors.raise_all()
     if is_video(image):
-        check_lossy_options(target, resolved.output)
         from bokehnet.cli.render.video import render_video
 
         render_video(Path(image), target, resolved, sequence, run, quiet=quiet, as_json=as_json)
@@ -85,30 +158,10 @@ def render(
         from bokehnet.cli.render.batch import render_batch
         from bokehnet.cli.render.summary import SummaryPrinter
 
-        if output is None:
-            raise ParameterError("--output", expected="a folder for many pictures", shown="none")
         printer = SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
-        render_batch(image, Path(output), resolved, run, printer)
+        render_batch(image, target, resolved, run, printer)
         return
-    from bokehnet.cli.render.checks import check_inputs, check_job
-
-    errors = ErrorCollector()
-    with errors.collect():
-        if run.video_codec is not None:
-            raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
-    with errors.collect():
-        if quiet and verbose:
-            raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
-    with errors.collect():
-        if sequence.frames is None:
-            _check_single(Path(image), sequence, run)
-    with errors.collect():
-        check_lossy_options(target, resolved.output)
-    with errors.collect():
-        if sequence.frames is None:
-            check_job(Path(image), target, resolved)
-    errors.raise_all()
-    if sequence.frames is None:
+    if is_single:
         from bokehnet.cli.commands.models import ensure_depth
 
         check_inputs(Path(image), resolved)
@@ -125,47 +178,12 @@ def render(
         _render_sequence(job, sequence, run, printer, quiet)
 
 
-def _is_many(image: str) -> bool:
-    """Return whether IMAGE is a folder, or a glob that is no file."""
-    return Path(image).is_dir() or (any(mark in image for mark in "*?[") and not Path(image).exists())
-
-
-def _output(image: str, output: str | None, sequence: SequenceSettings) -> Path:
-    """Return the output file; its default name is free."""
-    if output is not None:
-        return Path(output)
-    if sequence.frames is not None:
-        raise ParameterError(
-            "--output", expected="a name with a placeholder for the frame, such as out.####.png", shown="none"
-        )
+def _default_output(image: str) -> Path:
     from bokehnet.cli.render.default_output import default_output
     from bokehnet.io.formats.output_format import IMAGE_EXTENSIONS
     from bokehnet.io.video.frames import VIDEO_EXTENSIONS
 
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
-
-
-def _check_single(image: Path, sequence: SequenceSettings, run: RunSettings) -> None:
-    """Raise ``ParameterError`` if options or the name of the picture belong to a sequence."""
-    from bokehnet.sequence.frame_names import is_pattern
-
-    given = [flag for group in (sequence, run) for flag in _given_flags(group)]
-    given = [flag for flag in given if flag not in ("overwrite", "video-codec")]
-    if given:
-        options = ", ".join(f"--{flag}" for flag in given)
-        raise ParameterError("sequence.frames", expected=f"frames such as 1-100 for {options}", shown="none")
-    if is_pattern(image) and not image.exists():
-        raise ParameterError(
-            "sequence.frames",
-            expected=f"frames such as 1001-1100, since {image} names a sequence",
-            shown="none",
-        )
-
-
-def _given_flags(group: SequenceSettings | RunSettings) -> list[str]:
-    """Return the flags whose values in ``group`` are not the defaults."""
-    fields = field_settings(type(group))
-    return [f"{field.flag}" for name, field in fields.items() if getattr(group, name) != field.default]
 
 
 def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> None:

@@ -81,6 +81,14 @@ ALL = [*MAP, *SIZES]
                 "--quality: expected",
             ],
         ),
+        (
+            [*ALL, "--quality", 500, "--quiet", "--verbose", "--steady", "off"],
+            ["--quality: expected 1 to 100", "--quiet: expected no --verbose", "for --steady"],
+        ),
+        (
+            [*ALL, "--focus-at", "1,1", "--quiet", "--verbose"],
+            ["--focus-at: expected one of --focus", "--quiet: expected no --verbose"],
+        ),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "does not apply to --depth"]),
         (
             [*PHOTO, "--depth", "camera.exr", *LENS, "--strength", 30],
@@ -112,6 +120,7 @@ def test_a_mistake_in_the_words(fails, arguments, words):
     [
         [*PHOTO, "--constant-disparity", 0, "--focus", 0.5, "--f-number", "x"],  # not that there is no blur
         [*PHOTO, "--focus", 0.5, "--strength", "x"],  # not that the focus needs a relative map
+        [*ALL, "--jobs", 2, "--frames", "x"],  # not that there are no frames
         [*PHOTO, "--disparity", "disparity.png", "--ghosts", "ideal", "--lens-f-number", "x"],
     ],
 )
