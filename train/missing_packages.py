@@ -7,8 +7,31 @@ from bokehnet.errors import MissingExtraError
 
 __all__ = ["report_missing_packages"]
 
-# Packages of extras, and the extra that has all that scripts need of it.
-_EXTRAS = {"torch": "train", "kornia": "train", "scipy": "train", "skimage": "train", "playwright": "dev"}
+# Modules of optional packages that scripts and the package import, and the extra of each.
+_EXTRAS = {
+    "PIL": "avif",
+    "av": "video",
+    "embreex": "train",
+    "fastapi": "serve",
+    "flip_evaluator": "train",
+    "httpx": "dev",
+    "kornia": "train",
+    "matplotlib": "plot",
+    "mitsuba": "dev",
+    "onnx": "train",
+    "onnxscript": "train",
+    "playwright": "dev",
+    "prometheus_client": "serve",
+    "pytorch_msssim": "train",
+    "ray": "train-cluster",
+    "scipy": "train",
+    "skimage": "train",
+    "starlette": "studio",
+    "tensorboard": "train",
+    "torch": "train",
+    "trimesh": "trace",
+    "uvicorn": "studio",
+}
 
 
 def report_missing_packages() -> None:
