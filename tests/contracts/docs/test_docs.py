@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import bokehnet
+from bokehnet.baselines import BASELINES
 from bokehnet.cli.app import app
 from tests.conftest import ROOT
 
@@ -76,6 +77,12 @@ def test_every_public_name_is_in_the_api_pages():
     documented = set(re.findall(r"^::: ([\w.]+)$", text, re.MULTILINE))
     homes = {name: getattr(bokehnet, name).__module__ for name in bokehnet.__all__ if name != "__version__"}
     assert [name for name, home in homes.items() if not documented & {home, f"{home}.{name}"}] == []
+
+
+def test_the_number_of_methods_of_the_literature_is_that_of_the_registry():
+    texts = [*TEXTS.values(), (ROOT / "README.md").read_text(encoding="utf-8")]
+    counts = [count for text in texts for count in re.findall(r"(\S+) \[?methods of the literature", text)]
+    assert {int(count) for count in counts if count.isdecimal()} == {len(BASELINES)}
 
 
 def test_every_page_is_in_the_navigation():
