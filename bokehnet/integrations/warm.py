@@ -6,13 +6,14 @@ Each line of stdin is a request, each line of stdout a response, all JSON object
     {"id": 2, "pixels": {"file": "/dev/shm/bokeh", "width": 64, "height": 48, ...}, "settings": {...}}
     {"cancel": 2}
 
-    {"ready": "0.9"}
+    {"ready": "VERSION"}
     {"id": 1, "done": 3, "total": 10}
     {"id": 1, "result": {"largest_blur": 12.5, "notes": []}}
     {"id": 2, "error": {"message": "...", "parameter": "camera.f_number", "expected": ..., "remedy": ...}}
 
-Settings are groups and fields as in TOML files. With ``"plain": true`` an EXR contains the picture only, none
-of the other channels of its input. Requests are processed in sequence. The process ends at the end of stdin.
+VERSION is that of the package. Settings are groups and fields as in TOML files. With ``"plain": true`` an EXR
+contains the picture only, none of the other channels of its input. Requests are processed in sequence. The
+process ends at the end of stdin.
 The fields of ``pixels`` are those of :class:`bokehnet.integrations.shared_pixels.PixelLayout`.
 """
 

@@ -79,6 +79,22 @@ def test_every_public_name_is_in_the_api_pages():
     assert [name for name, home in homes.items() if not documented & {home, f"{home}.{name}"}] == []
 
 
+def test_every_file_of_the_repository_that_a_page_names_exists():
+    """By its whole path or the end of it; folders of results and of the user are not in the repository."""
+    named = re.compile(r"`(\w[\w./-]*/[\w-]+\.(?:py|toml|json|js|md|html|cpp)|\w+\.py)`")
+    folders = [path for path in ROOT.iterdir() if path.is_dir() and path.name[0] != "."]
+    paths = [*ROOT.glob("*.*"), *(path for folder in folders for path in folder.rglob("*.*"))]
+    files = [f"/{path.relative_to(ROOT).as_posix()}" for path in paths]
+    missing = [
+        (page, name)
+        for page, text in TEXTS.items()
+        for name in named.findall(text)
+        if not name.startswith("runs/") and "NAME" not in name
+        if not any(file.endswith(f"/{name}") for file in files)
+    ]
+    assert missing == []
+
+
 def test_the_number_of_methods_of_the_literature_is_that_of_the_registry():
     texts = [*TEXTS.values(), (ROOT / "README.md").read_text(encoding="utf-8")]
     counts = [count for text in texts for count in re.findall(r"(\S+) \[?methods of the literature", text)]
