@@ -197,11 +197,11 @@ def load_networks(
     if refine and "iunet" in manifest["networks"]:
         model = _read_model(folder, "iunet", manifest)
         iunet = OnnxNetwork(model, (*inputs, "coarse", "features"), *settings)
-    if (found := manifest["classical"]) != classical:
-        engines = [spec.name for spec in ENGINES.values() if spec.networks and spec.classical == found]
+    if (corrected := manifest["classical"]) != classical:
+        engines = [spec.name for spec in ENGINES.values() if spec.networks and spec.classical == corrected]
         raise ModelFileError(
             f"{folder}: expected networks that correct the {classical}, found networks that correct the "
-            f"{found}, for --engine {' or '.join(engines)}"
+            f"{corrected}, for --engine {' or '.join(engines)}"
         )
     sees_features = arnet.sees_features or (iunet is not None and iunet.sees_features)
     if sees_features and not CLASSICAL[classical].traces_rays:

@@ -1,4 +1,4 @@
-"""Large lights: skies and windows, told from bright matter by how much of them is clipped."""
+"""Large lights: skies and windows, distinguished from bright matter by the fraction that is clipped."""
 
 from statistics import NormalDist
 

@@ -207,7 +207,7 @@ class Opened:
     Args:
         path: File of the picture.
         scene: Scene from :func:`open_picture`.
-        asked: Settings that it was opened with.
+        requested: Settings that it was opened with.
         complete: These with defaults.
 
     Attributes:
@@ -226,11 +226,11 @@ class Opened:
         self,
         path: Path,
         scene: Scene,
-        asked: RenderSettings | None = None,
+        requested: RenderSettings | None = None,
         complete: RenderSettings | None = None,
     ) -> None:
         self.path, self.scene = path, scene
-        self._asked, self._complete = asked, complete
+        self._requested, self._complete = requested, complete
         self.strokes: list[Stroke] = []
         self.values = scene.depth.values
         self.repaired: bool | None = None
@@ -294,9 +294,9 @@ class Opened:
 
     def refocused(self, settings: RenderSettings) -> RenderSettings:
         """Return settings with the defaults for the present map, unless changed since the opening."""
-        if self._asked is not None and settings == self._complete:
+        if self._requested is not None and settings == self._complete:
             depth = replace(self.scene.depth, values=self.values)
-            self._complete = settings = _completed(self._asked, replace(self.scene, depth=depth))
+            self._complete = settings = _completed(self._requested, replace(self.scene, depth=depth))
         return settings
 
     def take_repaired(self, values: Array, repaired: bool, reason: str) -> None:

@@ -112,7 +112,7 @@ class Session:
         """
         self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, asked, complete = self._read(path, settings, fallback, seconds)
+            scene, requested, complete = self._read(path, settings, fallback, seconds)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
@@ -122,7 +122,7 @@ class Session:
             raise self._without_paths(error) from error
         with self._lock:
             is_new = self.opened is None or self.opened.path != path
-            self.opened, self.settings = Opened(path, scene, asked, complete), complete
+            self.opened, self.settings = Opened(path, scene, requested, complete), complete
             self.opened.strokes = strokes or []
             self._opening = threading.Event()
             self.jobs["repair"] = self.jobs["light"] = {"state": "idle"}
@@ -140,7 +140,7 @@ class Session:
     def _read(
         self, path: Path, settings: RenderSettings, fallback: RenderSettings | None, seconds: float
     ) -> Any:
-        """Return the scene of a picture, and its settings as asked for and complete."""
+        """Return the scene of a picture, and its settings as requested and complete."""
         process = self.slow if self.jobs["export"]["state"] == "running" else self.exporter
         return process.run(open_picture, path, settings, fallback, seconds=seconds)
 
