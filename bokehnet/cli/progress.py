@@ -38,10 +38,10 @@ def progress(
     """
     from tqdm import tqdm  # here, so that --help stays fast
 
-    if lines and not hidden and not _is_terminal():
+    if lines and not hidden and not _stderr_is_terminal():
         yield _line_printer(label)
         return
-    hidden = hidden or not _is_terminal()
+    hidden = hidden or not _stderr_is_terminal()
     ended = threading.Event()
     with tqdm(
         desc=label,
@@ -98,7 +98,7 @@ def _line_printer(label: str) -> Progress:
     return report
 
 
-def _is_terminal() -> bool:
+def _stderr_is_terminal() -> bool:
     return sys.stderr.isatty()
 
 

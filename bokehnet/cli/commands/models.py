@@ -42,7 +42,7 @@ def models(
     if get:
         from bokehnet.inference.model_download import cached_file, model_file
 
-        if _is_terminal() and cached_file(selected) is None:
+        if _can_ask() and cached_file(selected) is None:
             click.echo(f"downloading {selected.size} from {selected.repository}", err=True)
         click.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
         return
@@ -113,7 +113,7 @@ def ensure_depth(image: Path, settings: "RenderSettings") -> None:
     if cached_network() is not None:
         return
     model = recommended_model()
-    if model is None or not (_is_terminal() or downloads_allowed()):
+    if model is None or not (_can_ask() or downloads_allowed()):
         raise no_depth_error(image)
     check_download(model)
     click.echo(f"{image} has no depth map; a network can estimate it.", err=True)
@@ -124,7 +124,7 @@ def _fetch(model: "DepthModel") -> None:
     """Download a network unless it is on this machine, after asking on a terminal."""
     from bokehnet.inference.model_download import downloads_allowed, fetch_model, model_file
 
-    if not (_is_terminal() or downloads_allowed()):
+    if not (_can_ask() or downloads_allowed()):
         model_file(model)  # raises unless it is on this machine
         return
     fetch_model(model, _agree)
@@ -135,7 +135,8 @@ def _agree(offer: "DownloadOffer") -> bool:
     return click.confirm("Download it?", err=True)
 
 
-def _is_terminal() -> bool:
+def _can_ask() -> bool:
+    """Return whether a user can read a question and answer it."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 

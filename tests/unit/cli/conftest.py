@@ -18,7 +18,7 @@ def no_bar(monkeypatch):
 @pytest.fixture
 def on_terminal(monkeypatch):
     """Stderr is a terminal, on which bars appear without a delay."""
-    monkeypatch.setattr("bokehnet.cli.progress._is_terminal", lambda: True)
+    monkeypatch.setattr("bokehnet.cli.progress._stderr_is_terminal", lambda: True)
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
 
 
