@@ -104,7 +104,7 @@ class DisparityRepair:
         Noise is removed first. Every output value lies within the range of nearby input values, so that flat
         regions do not change. The exception is detail that blur has removed from a soft map
         (:mod:`bokehnet.depth_repair.stages.deblur`); it lies within the range of the whole map. The memory
-        beyond input and output is twice a third of the picture.
+        beyond input and output is at most that of the picture, and twice that where noise is removed.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
