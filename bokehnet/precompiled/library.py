@@ -16,13 +16,26 @@ from bokehnet.precompiled.arguments import c_types
 from bokehnet.precompiled.code_key import code_key
 from bokehnet.precompiled.machine import CLASS_FEATURES, MachineCode, load, system
 
-__all__ = ["FOLDER", "FORMAT", "OFF", "Entry", "KernelEntries", "Manifest", "find", "versions"]
+__all__ = [
+    "FOLDER",
+    "FORMAT",
+    "OFF",
+    "Entry",
+    "KernelEntries",
+    "Manifest",
+    "find",
+    "library_folder",
+    "versions",
+]
 
 # Environment variable; any value but 0 disables the library.
 OFF = "BOKEHNET_NO_PRECOMPILED"
 
-# Folder of the library; it may be missing.
+# Folder of the library of this package; a checkout and an editable install have none.
 FOLDER = Path(__file__).parent / "machine_code"
+
+# Folder of the library in a wheel.
+_INSTALLED = "bokehnet/precompiled/machine_code"
 
 # Version of the manifest and of the calling convention; libraries of other versions are ignored.
 FORMAT = 2
@@ -88,7 +101,7 @@ def versions() -> list[str]:
     ]
 
 
-def find(kernel: Any, description: str, folder: Path = FOLDER) -> MachineCode | None:
+def find(kernel: Any, description: str, folder: Path | None = None) -> MachineCode | None:
     """Return machine code of a kernel for some argument types, or None if the library has none that fits.
 
     Code for arrays of any strides also serves contiguous arrays. The function ignores code whose key differs
@@ -97,11 +110,11 @@ def find(kernel: Any, description: str, folder: Path = FOLDER) -> MachineCode | 
     Args:
         kernel: A :class:`bokehnet.precompiled.kernel.Kernel`.
         description: Argument types from :func:`bokehnet.precompiled.arguments.describe`.
-        folder: Folder of the library.
+        folder: Folder of the library; default: :func:`library_folder`.
     """
     if os.environ.get(OFF, "0") != "0" or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return None
-    loaded = _open(folder)
+    loaded = _open(folder or library_folder())
     kernel_entries = loaded[1]["kernels"].get(kernel.name) if loaded is not None else None
     entry_types = (
         _matching_entry(description, kernel_entries["entries"]) if kernel_entries is not None else None
@@ -117,6 +130,22 @@ def find(kernel: Any, description: str, folder: Path = FOLDER) -> MachineCode | 
     except Exception as error:  # internals of numba may change; numba can still compile
         _log.info("bokehnet: %s is left to numba: %s: %s", kernel.name, type(error).__name__, error)
         return None
+
+
+@functools.cache
+def library_folder() -> Path:
+    """Return :data:`FOLDER`, or if it is missing that of the installed package, which a checkout may shadow.
+
+    The keys of the code decide about each kernel, so a checkout with edited kernels may use the others.
+    """
+    if FOLDER.is_dir():
+        return FOLDER
+    from importlib import metadata  # not needed by an installed package
+
+    try:
+        return Path(str(metadata.distribution("bokehnet").locate_file(_INSTALLED)))
+    except Exception:  # none is installed, or its metadata is damaged; numba can still compile
+        return FOLDER
 
 
 def _matching_entry(description: str, entries: Iterable[str]) -> str | None:

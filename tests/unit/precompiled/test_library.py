@@ -5,6 +5,7 @@ import inspect
 import json
 import os
 import shutil
+from importlib import metadata
 from pathlib import Path
 
 import numba
@@ -107,6 +108,44 @@ def test_a_kernel_with_edited_code_is_left_to_numba(built, edited):
 def test_a_kernel_with_an_edited_docstring_uses_its_machine_code(built, edited):
     kernel = edited(COVER, '"""Return the number of discs', '"""Count the discs')
     assert library.find(kernel, ARRAYS, built) is not None
+
+
+@pytest.fixture
+def missing(tmp_path, monkeypatch):
+    """A checkout: the package has no library of its own. Returns its missing folder."""
+    folder = tmp_path / "checkout" / "machine_code"
+    monkeypatch.setattr(library, "FOLDER", folder)
+    library.library_folder.cache_clear()
+    yield folder
+    library.library_folder.cache_clear()
+
+
+def test_a_checkout_uses_the_library_of_the_installed_package(built, missing, tmp_path, monkeypatch, edited):
+    site = tmp_path / "site"
+    shutil.copytree(built, site / "bokehnet/precompiled/machine_code")
+    (site / "bokehnet-0.1.0.dist-info").mkdir()
+    (site / "bokehnet-0.1.0.dist-info/METADATA").write_text(
+        "Metadata-Version: 2.1\nName: bokehnet\nVersion: 0.1.0\n"
+    )
+    monkeypatch.syspath_prepend(site)
+    assert library.library_folder() == site / "bokehnet/precompiled/machine_code"
+    assert library.find(COVER, ARRAYS) is not None
+    assert library.find(edited(COVER, "x + half + 1", "x + half + 2"), ARRAYS) is None
+
+
+def test_a_checkout_without_an_installed_package_is_left_to_numba(missing, monkeypatch):
+    def distribution(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "distribution", distribution)
+    assert library.library_folder() == missing
+    assert library.find(COVER, ARRAYS) is None
+
+
+def test_an_installed_package_does_not_read_its_metadata(built, missing, monkeypatch):
+    monkeypatch.setattr(library, "FOLDER", built)
+    monkeypatch.setattr(metadata, "distribution", lambda name: pytest.fail("read"))
+    assert library.library_folder() == built
 
 
 @pytest.mark.parametrize("variable", [library.OFF, "NUMBA_DISABLE_JIT"])
