@@ -35,11 +35,11 @@ def completed_blur(
 ) -> tuple[CameraSettings, tuple[str, ...]]:
     """Return camera settings that define the blur, and the assumptions behind them.
 
-    A strength S, by default 50, makes the larger of the two blur radii at the farthest and the nearest point
-    S/100 of 8 % of the longer side, i.e. 4 % by default. An f-number of a relative map is that of a
-    full-frame camera with the nearest point at 1 m, or 20 focal lengths if that is farther, and the farthest
-    at infinity. Metric depth without a view gets a 50 mm lens on full frame, without an f-number that of the
-    strength.
+    A strength S, by default 50, makes the larger of the two blur radii at the farthest and the nearest point,
+    of metric depth at its 2nd and 98th percentile, S/100 of 8 % of the longer side, i.e. 4 %. An f-number of
+    a relative map is that of a full-frame camera with the nearest point at 1 m, or 20 focal lengths if that
+    is farther, and the farthest at infinity. Metric depth without a view gets a 50 mm lens on full frame,
+    without an f-number that of the strength.
 
     Args:
         camera: Camera settings.
@@ -143,7 +143,7 @@ def _completed_aperture(
     radius = max(strength / 100 * _FULL_RADIUS, _MIN_RADIUS) * longer_side
     f_number = max(pixels / radius, _MIN_F_NUMBER)
     percentage = _two_digits(100 * radius / longer_side)
-    note = f"f/{_two_digits(f_number)} for a blur of up to {percentage} % of the longer side"
+    note = f"f/{_two_digits(f_number)} for a blur of about {percentage} % of the longer side"
     if camera.strength is None:
         note += ", as the file has no f-number"
         if f_number < _FASTEST_LENS:

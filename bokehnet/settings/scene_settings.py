@@ -437,8 +437,8 @@ class CameraSettings(Group):
     )
     strength: float | None = setting(
         None,
-        "Blur strength, 0 to 100. The largest blur radius is this percentage of 8 % of the longer side. "
-        "Default: 50, i.e. 4 %.",
+        "Blur strength, 0 to 100. The largest blur radius is about this percentage of 8 % of the longer "
+        "side. Default: 50, i.e. 4 %.",
         low=0,
         high=100,
     )

@@ -30,11 +30,11 @@ _NEAREST_DISTANCE = 1000.0
 class EmbeddedDepth:
     """Depth map in the picture's own file: a phone's, or the depth channel of an EXR.
 
-    Depth of an EXR is read as by :class:`MetricDepth`, in metres. A phone's map is rendered as by a
-    full-frame camera: the phone's own lens has a focal length of a few millimetres and almost no blur.
-    F-numbers refer to the camera with the same view on 36 x 24 mm film, which the portrait modes of phones
-    imitate as well. A picture without any map is treated equally, with a map estimated by the first named
-    network on this machine.
+    Depth of an EXR is read as by :class:`MetricDepth`, in metres; with ``relative`` its disparity is scaled
+    to 0 to 1. A phone's map is rendered as by a full-frame camera: the phone's own lens has a focal length of
+    a few millimetres and almost no blur. F-numbers refer to the camera with the same view on 36 x 24 mm film,
+    which the portrait modes of phones imitate as well. A picture without any map is treated equally, with a
+    map estimated by the first named network on this machine.
 
     Attributes:
         map: Result of :func:`bokehnet.io.phone_depth.read_phone_depth`; None reads the picture's own file.
@@ -110,7 +110,10 @@ class EmbeddedDepth:
             return depth
         low, high = float(depth.values.min()), float(depth.values.max())
         values = (depth.values - low) / ((high - low) or 1.0)
-        return replace(depth, values=values, kind="relative", camera=None, filtered=None)
+        assumptions = (*depth.assumptions, "disparity relative to its range (`input.depth` keeps metres)")
+        return replace(
+            depth, values=values, kind="relative", camera=None, filtered=None, assumptions=assumptions
+        )
 
 
 def _assumptions(

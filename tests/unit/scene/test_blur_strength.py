@@ -127,6 +127,16 @@ def test_a_strength_of_metric_depth_is_its_fraction_of_the_longer_side():
         radii(depth_file(), CameraSettings(strength=50, f_number=2), FocusSettings(distance=1))
 
 
+def test_single_points_of_metric_depth_blur_more_than_the_strength():
+    """Authority: the radius holds at the 98th percentile; the map's ends may be errors of a sensor."""
+    metres = np.tile(np.linspace(1, 4, 900, dtype=np.float32), (6, 1))
+    depth = DepthMap(values=0.001 / metres, kind="metric", origin="input.depth")
+    lens, defocus = radii(depth, CameraSettings(), FocusSettings(distance=4))
+    assert np.percentile(np.abs(defocus), 98) == pytest.approx(36, rel=1e-3)
+    assert np.abs(defocus).max() > 37
+    assert "for a blur of about 4 % of the longer side" in lens.assumptions[1]
+
+
 def test_frames_share_one_f_number():
     settings = RenderSettings(focus=FocusSettings(distance=1))
     for changed in (settings, settings.updated({"camera": {"strength": 30}, "input": {"depth": "z.npy"}})):

@@ -159,8 +159,10 @@ def test_the_depth_of_an_exr_is_its_own(folder, cli):
 
 
 def test_the_depth_of_an_exr_may_be_blurred_as_disparity(folder, cli):
-    (result,) = notes(cli("render", "camera.exr", *RELATIVE, "-o", "own.exr"))
+    outcome = cli("render", "camera.exr", *RELATIVE, "-o", "own.exr")
+    (result,) = notes(outcome)
     assert result.startswith("camera.exr: using its channel Z as depth in metres")
+    assert "disparity relative to its range (--depth keeps metres)" in outcome.err
 
 
 @pytest.mark.parametrize("name", ["ViewLayer.Depth.Z", "ViewLayer.Depth.V", "Depth.V", "ViewLayer.depth"])
