@@ -249,9 +249,13 @@ def check_choice(name: str, value: object, choices: Collection[str]) -> None:
         raise ParameterError(name, f"one of {', '.join(sorted(choices))}", value)
 
 
-def require_extra(module: str, extra: str) -> None:
-    """Raise ``MissingExtraError`` unless ``module``, part of ``bokehnet[extra]``, can be imported."""
+def require_extra(module: str, extra: str = "") -> None:
+    """Raise ``MissingExtraError`` unless ``module``, part of ``bokehnet[extra]``, can be imported.
+
+    Without ``extra`` the package of the module alone suffices.
+    """
     try:
         importlib.import_module(module)
     except ImportError as error:
-        raise MissingExtraError(f"this needs {module}: pip install 'bokehnet[{extra}]'") from error
+        package = f"'bokehnet[{extra}]'" if extra else module
+        raise MissingExtraError(f"this needs {module}: pip install {package}") from error

@@ -6,7 +6,7 @@ Two renderers: a fast one for training data, with emissive planes in front of a 
 
 from bokehnet.checks import require_extra
 
-require_extra("torch", "train")
+require_extra("torch", "trace")
 
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.geometry.meshes import Mesh, read_mesh

@@ -2,7 +2,7 @@
 
 from bokehnet.checks import require_extra
 
-require_extra("torch", "train")
+require_extra("torch", "trace")
 
 from bokehnet.scenes.film import load_film, save_film
 from bokehnet.scenes.reader import SceneJob, read_scene

@@ -179,10 +179,13 @@ def test_a_render_never_needs_torch(engine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
-def test_a_package_that_needs_torch_names_the_extra(module):
+@pytest.mark.parametrize(
+    ("module", "extra"),
+    [("bokehnet.models", "train"), ("bokehnet.raytrace", "trace"), ("bokehnet.scenes", "trace")],
+)
+def test_a_package_that_needs_torch_names_the_extra(module, extra):
     done = run_python(NO_TORCH + f"import {module}")
-    assert "pip install 'bokehnet[train]'" in done.stderr
+    assert f"pip install 'bokehnet[{extra}]'" in done.stderr
     assert "MissingExtraError" in done.stderr
 
 

@@ -46,10 +46,12 @@ def export(
     from bokehnet.io.files.atomic import check_target
 
     check_target(output, error=ModelFileError)
+    if output.suffix.lower() != ".onnx":
+        raise ModelFileError(f"{output}: unknown extension {output.suffix!r}, expected .onnx")
     for name in ("engine", "weights"):
         if repair and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             raise ParameterError(f"--{name}", "none with --repair", shown=str(context.params[name]))
-    require_extra("onnx", "train")
+    require_extra("onnx")
     if repair:
         from bokehnet.onnx_file.depth_repair import export_repair
 
