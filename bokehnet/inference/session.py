@@ -105,6 +105,8 @@ class Networks:
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
+    if folder.is_file():
+        raise ModelFileError(f"{folder}: expected a folder with manifest.json, found a file")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -10,11 +10,12 @@ import click
 from bokehnet.cli.options import COMMON_OPTIONS, OptionValues, resolved_settings, with_options
 from bokehnet.cli.parser import SectionedCommand, argument, completion
 from bokehnet.cli.render.run_settings import RunSettings
+from bokehnet.engine_registry import CLASSICAL, DEFAULT_ENGINE, ENGINES
 from bokehnet.errors import ErrorCollector, ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
 from bokehnet.settings.fields import field_settings
 from bokehnet.settings.preset import presets
-from bokehnet.settings.settings import group_types
+from bokehnet.settings.settings import RenderSettings, group_types
 
 if TYPE_CHECKING:
     from bokehnet.cli.render.frame import FrameJob
@@ -143,6 +144,8 @@ def render(
     with errors.collect():
         resolved = resolved_settings(settings, preset, option_values)
         with errors.collect():
+            _check_weights(option_values, resolved)
+        with errors.collect():
             if sequence.frames is not None or not _is_many(image):
                 check_lossy_options(target, resolved.output)
         with errors.collect():
@@ -184,6 +187,23 @@ def _default_output(image: str) -> Path:
     from bokehnet.io.video.frames import VIDEO_EXTENSIONS
 
     return default_output(Path(image), (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS))
+
+
+def _check_weights(option_values: OptionValues, resolved: RenderSettings) -> None:
+    """Raise ``ParameterError`` if --weights is set for an engine without networks.
+
+    Weights of a settings file wait for an engine that uses them.
+    """
+    weights = option_values.get("engine", {}).get("weights")
+    engine = resolved.engine.name or DEFAULT_ENGINE
+    if weights is not None and engine in CLASSICAL:
+        others = [name for name in ENGINES if name not in CLASSICAL]
+        raise ParameterError(
+            "engine.weights",
+            f"none for engine {engine}",
+            shown=str(weights),
+            remedy=f"use engine {', '.join(others[:-1])} or {others[-1]}",
+        )
 
 
 def _render_single(job: "FrameJob", printer: "SummaryPrinter", quiet: bool) -> None:

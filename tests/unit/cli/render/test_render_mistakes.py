@@ -231,6 +231,24 @@ def test_weights_with_a_wrong_hash(fails, folder, random_weights):
     fails([*ALL, "--engine", "fast", "--weights", "weights"], "arnet.onnx", "sha256", "damaged")
 
 
+def test_weights_that_are_a_file(fails, folder):
+    (folder / "mine.onnx").write_bytes(b"")
+    fast = [*ALL, "--engine", "fast", "--weights", "mine.onnx"]
+    fails(fast, "mine.onnx: expected a folder with manifest.json, found a file")
+
+
+@pytest.mark.parametrize("engine", ["rays", "scatter"])
+def test_weights_for_an_engine_without_networks(fails, engine):
+    words = f"--weights: expected none for engine {engine}, got mine; use engine hybrid, neural or fast"
+    fails([*ALL, "--engine", engine, "--weights", "mine"], words)
+
+
+def test_weights_of_a_settings_file_wait_for_an_engine_with_networks(cli, folder):
+    (folder / "mine.toml").write_text('[engine]\nname = "fast"\nweights = "mine"\n')
+    outcome = cli(*ALL, "--settings", "mine.toml", "--engine", "scatter")
+    assert outcome.code == 0, outcome.err
+
+
 @pytest.mark.parametrize(
     ("engine", "networks", "words"),
     [
