@@ -188,6 +188,7 @@ def main(words: Sequence[str] | None = None) -> None:
     try:
         config = load_config(arguments.config, PrepareConfig, settings_of(arguments))
         prepare(config, arguments.out, arguments.workers)
+        print(f"wrote {arguments.out}: the pairs of {config.folder} with engine {config.classical}")
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
 
