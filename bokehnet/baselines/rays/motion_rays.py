@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.checks import check_above, check_map, check_whole
 from bokehnet.errors import ShapeError
 
@@ -67,23 +68,11 @@ def motion_edges(motion: np.ndarray, min_difference: float = 1.0) -> np.ndarray:
             window[axis] = slice(k, k + difference.shape[axis])
             reach[tuple(window)] = np.maximum(reach[tuple(window)], edge)
     # Half of the motion to either side of the position at mid-exposure.
+    radii = np.ceil(reach / 2)
     mask = np.zeros(reach.shape, bool)
-    for half in np.unique(np.ceil(reach[reach > 0] / 2)).astype(int):
-        mask |= _dilated(np.ceil(reach / 2) == half, int(half))
+    for radius in np.unique(radii[radii > 0]):
+        mask |= dilated(radii == radius, int(radius))
     return mask
-
-
-def _dilated(mask: np.ndarray, half: int) -> np.ndarray:
-    """Return a mask grown by a square of ``2 * half + 1`` pixels."""
-    count = mask.astype(np.int64)
-    for axis in (0, 1):
-        pad = [(0, 0), (0, 0)]
-        pad[axis] = (half + 1, half)
-        total = np.pad(count, pad).cumsum(axis)
-        size = total.shape[axis] - 2 * half - 1
-        upper = np.take(total, range(2 * half + 1, 2 * half + 1 + size), axis)
-        count = upper - np.take(total, range(size), axis)
-    return count > 0
 
 
 def fill_motion(

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.scene.subject.masks import dilated, eroded, filtered, label
+from bokehnet.arrays.square_windows import dilated, eroded, reduce_windows
+from bokehnet.scene.subject.masks import label
 from bokehnet.scene.subject.view import View
 
 __all__ = ["certainty_of", "fallback", "filled_fraction", "score", "surfaces_of_bands"]
@@ -80,7 +81,7 @@ def _outline(view: View, mask: Mask) -> float:
     inner = eroded(mask, 1)
     rim = mask & ~inner
     inside = np.where(mask, values, -np.inf)
-    inside = filtered(inside, 2, np.maximum)
+    inside = reduce_windows(inside, 2, np.maximum)
     rim[0], rim[:, 0], rim[:, -1] = False, False, False
     rim[-1] = False
     if not rim.any():

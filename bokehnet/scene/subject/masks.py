@@ -1,15 +1,12 @@
-"""Filters of small masks and maps, and connected components."""
-
-from typing import TypeVar
+"""Median of small maps, and connected components of masks."""
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["dilated", "eroded", "filtered", "label", "median3"]
+__all__ = ["label", "median3"]
 
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
-Grid = TypeVar("Grid", Array, Mask)
 
 
 def median3(values: Array) -> Array:
@@ -18,35 +15,6 @@ def median3(values: Array) -> Array:
     height, width = values.shape
     shifted = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
     return np.asarray(np.median(shifted, axis=0), np.float32)
-
-
-def filtered(values: Grid, radius: int, choose: np.ufunc) -> Grid:
-    """Return the minimum or maximum over a square of ``radius`` pixels, borders repeated, (H, W).
-
-    Args:
-        values: Map or mask, (H, W).
-        radius: Half of the side of the square, pixels.
-        choose: Such as ``np.minimum``, or ``np.logical_and`` for masks.
-    """
-    for axis in (0, 1):
-        length = values.shape[axis]
-        inside = np.clip(np.arange(-radius, length + radius), 0, length - 1)
-        padded = np.moveaxis(np.take(values, inside, axis), axis, 0)
-        result = padded[:length].copy()
-        for shift in range(1, 2 * radius + 1):
-            choose(result, padded[shift : shift + length], out=result)
-        values = np.moveaxis(result, 0, axis)
-    return values
-
-
-def eroded(mask: Mask, radius: int) -> Mask:
-    """Return the pixels whose square of ``radius`` pixels lies in the mask, (H, W)."""
-    return filtered(mask, radius, np.logical_and)
-
-
-def dilated(mask: Mask, radius: int) -> Mask:
-    """Return the pixels whose square of ``radius`` pixels meets the mask, (H, W)."""
-    return filtered(mask, radius, np.logical_or)
 
 
 def label(mask: Mask) -> npt.NDArray[np.intp]:

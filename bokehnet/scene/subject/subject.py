@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.arrays.square_windows import eroded
 from bokehnet.checks import check_map
 from bokehnet.io.window import Window
 from bokehnet.scene.subject.candidates import (
@@ -24,7 +25,6 @@ from bokehnet.scene.subject.candidates import (
     surfaces_of_bands,
 )
 from bokehnet.scene.subject.faces import FaceDetector
-from bokehnet.scene.subject.masks import eroded
 from bokehnet.scene.subject.view import SubjectSearch, View, display, grown
 
 __all__ = ["Subject", "find_subject", "surface_around"]

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.resample import resample
-from bokehnet.scene.subject.masks import filtered, label, median3
+from bokehnet.arrays.square_windows import reduce_windows
+from bokehnet.scene.subject.masks import label, median3
 
 __all__ = ["SubjectSearch", "View", "display", "grown"]
 
@@ -93,7 +94,9 @@ class View:
             third_weight = np.exp(-(((x - third) / 0.13) ** 2) / 2 - ((y - 0.55) / 0.3) ** 2 / 2)
             self.prior = np.maximum(self.prior, 0.9 * third_weight)
         self.rank = np.searchsorted(np.sort(self.values, None), self.values) / self.values.size
-        self.far, self.near = (filtered(self.values, _OUTLINE_PX, end) for end in (np.minimum, np.maximum))
+        self.far, self.near = (
+            reduce_windows(self.values, _OUTLINE_PX, end) for end in (np.minimum, np.maximum)
+        )
         self.ground = ground_of(self.values, search)
 
     def scaled_boxes(
