@@ -30,7 +30,7 @@ from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_tabl
 from bokehnet.classical.layered.march.bundle_extents import (
     bundle_extents,
     reach_by_rings,
-    sharp_blocks,
+    sharp_limits,
     stray_map,
 )
 from bokehnet.classical.layered.march.defocus_bins import TILE, DefocusBins, occupied_bins
@@ -38,7 +38,7 @@ from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.ray_marching import SETS, RaysJob, march
 from bokehnet.classical.layered.march.resolution_levels import (
     BLOCK_PX,
-    SharpBlocks,
+    SharpLimitsAt,
     levels_halo,
     make_levels,
     march_levels,
@@ -234,6 +234,7 @@ class _Rays:
         lens: Lens of the rays; ``None`` for a perfect one.
         fringes: Colour fringes, if the lens has nothing else.
         extents: Extents of the bundles of smooth tiles; ``None`` for a perfect lens.
+        radius: Largest blur radius of a perfect lens in the whole picture, pixels.
         reach: Maximum distance of a pixel's rays from it, pixels.
         nominal: Nominal number of rays per pixel.
         near: Weight of the rays near depth discontinuities, (H, W).
@@ -245,6 +246,7 @@ class _Rays:
     lens: LensTable | None = None
     fringes: Fringes | None = None
     extents: np.ndarray | None = None
+    radius: int
     reach: int
     nominal: int
     near: np.ndarray
@@ -301,7 +303,13 @@ def _make_rays(
     response = job.lens_response
     if response is None or response.is_ideal:
         return _Rays(
-            points=points, weights=weights, reach=radius, nominal=_RAYS, near=error_map, weight=error_map
+            points=points,
+            weights=weights,
+            radius=radius,
+            reach=radius,
+            nominal=_RAYS,
+            near=error_map,
+            weight=error_map,
         )
     shape = job.defocus.shape
     lens = lens_table(response, job.picture_viewport, chances, above=job.above, shape=shape)
@@ -318,6 +326,7 @@ def _make_rays(
         lens=lens,
         fringes=fringes,
         extents=extents,
+        radius=radius,
         reach=lens.reach(radius),
         nominal=_COLORED_RAYS if response.is_dispersive else _LENS_RAYS,
         near=near,
@@ -366,7 +375,7 @@ def _render_layers(
     colors, cells = rest.colors, layer_cells(rest)
     levels = None
     if job.layers is None and job.device.march is None:
-        levels = make_levels(rest, cells, _sharp_blocks(job, pupil_rays, cells))
+        levels = make_levels(rest, cells, _sharp_limits_at(job, pupil_rays))
     del stack, rest  # their coverage and defocus are in the cells
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
@@ -417,14 +426,14 @@ def _render_layers(
     )
 
 
-def _sharp_blocks(job: _Job, pupil_rays: _Rays, cells: np.ndarray) -> SharpBlocks | None:
-    """Return the function that finds the sharp blocks of an aberrated lens; None for a perfect one."""
+def _sharp_limits_at(job: _Job, pupil_rays: _Rays) -> SharpLimitsAt | None:
+    """Return the limits of what counts as sharp behind an aberrated lens; None for a perfect one."""
     if pupil_rays.lens is None or pupil_rays.extents is None:
         return None
     return partial(
-        sharp_blocks,
+        sharp_limits,
         side=BLOCK_PX,
-        largest=max(float(cells[..., 0].max()), -float(cells[..., 0].min())),
+        largest=pupil_rays.radius,
         extents=pupil_rays.extents,
         lens=pupil_rays.lens,
         above=job.above,

@@ -9,6 +9,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
+from bokehnet.arrays.square_windows import reduce_windows
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import MEDIAN_BINS
 from bokehnet.kernels import njit
@@ -30,23 +31,7 @@ def local_extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndar
         values: Array, (H, W); its border is repeated.
         radius: Half width of the window, pixels.
     """
-    low, high = (_reduce_windows(values, radius, reduce) for reduce in (np.minimum, np.maximum))
-    return low, high
-
-
-def _reduce_windows(values: np.ndarray, radius: int, reduce: np.ufunc) -> np.ndarray:
-    """Reduce the square window around each pixel, one axis after the other; windows grow by doubling."""
-    result = values
-    for axis in (0, 1):
-        padding = [(radius, radius) if a == axis else (0, 0) for a in (0, 1)]
-        lines = np.moveaxis(np.pad(result, padding, "edge"), axis, 0)
-        size, full_size = 1, 2 * radius + 1
-        while size < full_size:
-            step = min(size, full_size - size)
-            lines = reduce(lines[: len(lines) - step], lines[step:])
-            size += step
-        result = np.moveaxis(lines, 0, axis)
-    return result
+    return reduce_windows(values, radius, np.minimum), reduce_windows(values, radius, np.maximum)
 
 
 def extend_rows(rows: slice, halo: int) -> tuple[slice, slice]:
@@ -71,7 +56,7 @@ def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
 
     def make(rows: slice) -> np.ndarray:
         window, inner = extend_rows(rows, radius)
-        return _reduce_windows(disparity[window], radius, reduce)[inner]
+        return reduce_windows(disparity[window], radius, reduce)[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)
 

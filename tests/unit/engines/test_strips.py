@@ -7,6 +7,7 @@ import pytest
 
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.base import ALIGNED
+from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
@@ -114,6 +115,24 @@ def test_strips_choose_the_sizes_of_the_whole_picture(radius):
     parts = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 75
     assert np.abs(whole.bokeh - parts.bokeh).max() < 0.5 / 255
+
+
+@pytest.mark.parametrize("field_curvature", [2.0, 6.0])
+def test_strips_choose_the_sizes_of_the_whole_picture_behind_an_aberrated_lens(monkeypatch, field_curvature):
+    """Rays march at smaller sizes, fewer towards the corners and near a band in focus; decibels."""
+    image, _ = tall_picture(1664, 96)
+    posts, left = np.arange(1664)[:, None] // 96 % 3 == 0, np.arange(96) < 48
+    defocus = np.where(posts, 1.0, -1.0) * np.where(left, 40.0, 60.0)
+    defocus[820:840] = 0.0
+    defocus = defocus.astype(np.float32)
+    aberration_map = AberrationSliders(coma=3.0, field_curvature=field_curvature).aberration_map()
+    renderer = BokehRenderer("rays", lens_response=LensResponse(aberration_map=aberration_map))
+    memory = 900 * image.shape[1] * CLASSICAL["rays"].bytes_per_pixel
+    whole = renderer.render_arrays(image, defocus)
+    parts = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
+    assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 75
+    monkeypatch.setattr(resolution_levels, "MAX_LEVELS", 0)
+    assert not np.array_equal(renderer.render_arrays(image, defocus).bokeh, whole.bokeh)
 
 
 def test_a_picture_that_fits_is_rendered_whole():

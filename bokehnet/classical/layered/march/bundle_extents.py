@@ -7,6 +7,7 @@ defocus have opposite signs, discs are small.
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -20,11 +21,12 @@ from bokehnet.optics.aberrations.aberration_map import UNTILTED_AXES
 __all__ = [
     "BUNDLE",
     "LEVELS",
+    "SharpLimits",
     "bundle_extents",
     "extent_at",
     "reach_by_rings",
     "ring_of",
-    "sharp_blocks",
+    "sharp_limits",
     "stray_map",
 ]
 
@@ -194,8 +196,25 @@ def _reaches(lines: np.ndarray, defocus: np.ndarray) -> np.ndarray:
     return reaches
 
 
-def sharp_blocks(
-    smallest: np.ndarray,
+class SharpLimits(NamedTuple):
+    """Surfaces that the blocks of a picture may see blurred by less than a limit.
+
+    Rays take the lens at the field position of the pixel that sends them, not at that of the surface.
+
+    Attributes:
+        rings: Ring of each block, (rows, columns).
+        radii: Blur radius of a perfect lens, of a surface that a ring may see blurred by just the limit,
+            pixels, (rings,).
+        reaches: Maximum distance at which a ring sees such a surface, pixels, (rings,).
+    """
+
+    rings: np.ndarray
+    radii: np.ndarray
+    reaches: np.ndarray
+
+
+def sharp_limits(
+    shape: tuple[int, int],
     limit: float,
     *,
     side: int,
@@ -203,32 +222,29 @@ def sharp_blocks(
     extents: np.ndarray,
     lens: LensTable,
     above: int,
-) -> tuple[np.ndarray, float]:
-    """Return blocks in which a surface may be blurred by less than a limit, and the reach of such surfaces.
+) -> SharpLimits:
+    """Return which surfaces blocks may see blurred by less than a limit, and how far away.
 
     A disc of radius r before aberrations is at least r (1 - s) - e afterwards, for the bounds s and e of the
-    stretch and the transverse aberration: a curved field can cancel that much of the defocus.
+    stretch and the transverse aberration: a curved field can cancel that much of the defocus. The limits
+    depend on the field position alone, so that strips have those of the whole picture.
 
     Args:
-        smallest: Smallest blur radius of a perfect lens in each block, pixels, (rows, columns).
+        shape: Number of blocks, (rows, columns).
         limit: Limit of the radius, pixels.
         side: Side of the blocks, pixels.
-        largest: Largest blur radius of a perfect lens in the picture, pixels.
+        largest: Largest blur radius of a perfect lens in the whole picture, pixels.
         extents: From :func:`bundle_extents`.
         lens: Lens response.
         above: Rows of the picture above these blocks.
-
-    Returns:
-        Mask, (rows, columns) bool, and the maximum distance at which its surfaces send light, pixels.
     """
     stretch, aberration = (_over_rings(v, lens, side) for v in (lens.max_stretch, lens.max_aberration))
     with np.errstate(divide="ignore"):
-        sharp_radii = (limit + aberration) / np.maximum(1.0 - stretch, 0.0)
-    y, x = (side * (np.arange(count) + 0.5) - 0.5 for count in smallest.shape)
+        radii = (limit + aberration) / np.maximum(1.0 - stretch, 0.0)
+    y, x = (side * (np.arange(count) + 0.5) - 0.5 for count in shape)
     field = lens.scale * np.hypot(y[:, None] + above - lens.row, x - lens.column)
     rings = np.minimum((field * len(stretch)).astype(np.intp), len(stretch) - 1)
-    is_sharp = smallest < sharp_radii[rings]
-    radii = np.minimum(sharp_radii, largest)
+    ends = np.minimum(radii, largest)
     lines = _over_rings(extents, lens, side)
-    reach = np.maximum(np.diagonal(_reaches(lines, radii)), np.diagonal(_reaches(lines, -radii)))
-    return is_sharp, float(reach[rings[is_sharp]].max(initial=0.0))
+    reaches = np.maximum(np.diagonal(_reaches(lines, ends)), np.diagonal(_reaches(lines, -ends)))
+    return SharpLimits(rings, radii, reaches)

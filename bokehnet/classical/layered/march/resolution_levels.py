@@ -4,7 +4,8 @@ A surface that is blurred by r pixels shows no detail much finer than r. Each ha
 number of pixels by four and the length of their rays by two. A pixel uses the level at which the smallest
 blur radius of all surfaces that can send light to it is at least ``MIN_RADIUS_PX`` pixels of that level; the
 full size remains near what is in focus. A surface sends light no farther than its own blur radius, so a level
-is used everywhere except within its limit of a surface that is blurred less.
+is used everywhere except within its limit of a surface that is blurred less. Behind an aberrated lens, whose
+discs differ from those of a perfect one, the limits are those of the pixel's own field position.
 
 Near the border between two levels both are marched, and blended linearly over a block of pixels. The choice
 depends on the surroundings of a pixel alone: strips of rows are rendered as in the whole picture.
@@ -20,11 +21,12 @@ from typing import Any
 
 import numpy as np
 from numba import prange
-from numpy.lib.stride_tricks import sliding_window_view
 
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.march.aberrated_rays import LensTable
+from bokehnet.classical.layered.march.bundle_extents import SharpLimits
 from bokehnet.classical.layered.march.defocus_bins import occupied_bins
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.layered.march.layer_reduction import half_layers, half_shape
@@ -39,7 +41,7 @@ __all__ = [
     "MIN_RADIUS_PX",
     "LayerLevels",
     "LensAt",
-    "SharpBlocks",
+    "SharpLimitsAt",
     "layers_halo",
     "levels_halo",
     "make_levels",
@@ -61,9 +63,9 @@ BLOCK_PX = 16
 # rays than a perfect one, and their noise would exceed 1/255 (47.6 dB with a factor of 1, 49.1 with 2).
 _LENS_RAYS_FACTOR = 2
 
-# Function of the smallest blur radius in each block, (rows, columns), and of a limit, pixels: returns the
-# blocks in which a surface may be blurred by less, and the maximum distance at which it sends light, pixels.
-SharpBlocks = Callable[[np.ndarray, float], tuple[np.ndarray, float]]
+# Function of the number of blocks, (rows, columns), and of a limit of the blur radius, pixels: returns which
+# surfaces the blocks may see blurred by less, and how far away.
+SharpLimitsAt = Callable[[tuple[int, int], float], SharpLimits]
 
 # Function of the position of a smaller picture, its rows above the arrays, and their height and width:
 # returns the lens of that size, and its extents as arguments of ``occupied_bins``.
@@ -115,19 +117,21 @@ def _smallest_radii(cells, block, smallest):
             smallest[row, column] = radius
 
 
-def _dilated(mask: np.ndarray, reach: int) -> np.ndarray:
-    """Return a mask that is set within ``reach`` of the set pixels, along rows and columns."""
-    rows = np.any(sliding_window_view(np.pad(mask, reach), 2 * reach + 1, 0), -1)
-    dilated: np.ndarray = np.any(sliding_window_view(rows, 2 * reach + 1, 1), -1)
-    return dilated
+def _sharp_limits(shape: tuple[int, int], limit: float) -> SharpLimits:
+    """Return :data:`SharpLimitsAt` of a perfect lens."""
+    return SharpLimits(rings=np.zeros(shape, np.intp), radii=np.array([limit]), reaches=np.array([limit]))
 
 
-def _sharp_blocks(smallest: np.ndarray, limit: float) -> tuple[np.ndarray, float]:
-    """Return :data:`SharpBlocks` of a perfect lens."""
-    return smallest < limit, limit
+def _sees_sharp(smallest: np.ndarray, limits: SharpLimits) -> np.ndarray:
+    """Return the blocks that a surface blurred by less than the limits may send light to, (rows, columns)."""
+    mask = np.zeros(smallest.shape, np.bool_)
+    for ring in np.unique(limits.rings):
+        within = dilated(smallest < limits.radii[ring], _reach_blocks(limits.reaches[ring]))
+        mask |= within & (limits.rings == ring)
+    return mask
 
 
-def _level_blocks(cells: np.ndarray, sharp_blocks: SharpBlocks) -> list[np.ndarray]:
+def _level_blocks(cells: np.ndarray, limits_at: SharpLimitsAt) -> list[np.ndarray]:
     """Return the weight of each level over the previous one in each block, (rows, columns) float32."""
     height, width = cells.shape[:2]
     smallest = np.empty((-(-height // BLOCK_PX), -(-width // BLOCK_PX)), np.float32)
@@ -135,11 +139,10 @@ def _level_blocks(cells: np.ndarray, sharp_blocks: SharpBlocks) -> list[np.ndarr
         _smallest_radii(cells, BLOCK_PX, smallest)
     weights: list[np.ndarray] = []
     for level in range(1, MAX_LEVELS + 1):
-        is_sharp, reach = sharp_blocks(smallest, MIN_RADIUS_PX * 2**level)
-        is_sharp = _dilated(is_sharp, _reach_blocks(reach))
-        if is_sharp.all():
+        sees_sharp = _sees_sharp(smallest, limits_at(smallest.shape, MIN_RADIUS_PX * 2**level))
+        if sees_sharp.all():
             break
-        weights.append((~is_sharp).astype(np.float32))
+        weights.append((~sees_sharp).astype(np.float32))
     return weights
 
 
@@ -234,15 +237,15 @@ class LayerLevels:
     layers: list[Layers]
 
 
-def make_levels(layers: Layers, cells: np.ndarray, sharp_blocks: SharpBlocks | None = None) -> LayerLevels:
+def make_levels(layers: Layers, cells: np.ndarray, limits_at: SharpLimitsAt | None = None) -> LayerLevels:
     """Return the smaller layers in which rays march where everything is blurred.
 
     Args:
         layers: Layers of the full size. Only the first may be translucent.
         cells: Their cells, see :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
-        sharp_blocks: See :data:`SharpBlocks`; default: that of a perfect lens.
+        limits_at: See :data:`SharpLimitsAt`; default: that of a perfect lens.
     """
-    weights, smaller = _level_blocks(cells, sharp_blocks or _sharp_blocks), []
+    weights, smaller = _level_blocks(cells, limits_at or _sharp_limits), []
     for _ in weights:
         layers = half_layers(layers)
         smaller.append(layers)

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from bokehnet.arrays.viewport import Viewport
+from bokehnet.classical import rays_renderer
 from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
-from bokehnet.classical.layered.march.bundle_extents import LEVELS, bundle_extents, sharp_blocks
-from bokehnet.classical.layered.march.resolution_levels import MIN_RADIUS_PX, layers_halo, levels_halo
+from bokehnet.classical.layered.march.bundle_extents import LEVELS, bundle_extents, sharp_limits
+from bokehnet.classical.layered.march.resolution_levels import (
+    MIN_RADIUS_PX,
+    layers_halo,
+    levels_halo,
+    march_levels,
+)
 from bokehnet.classical.rays_renderer import pupil_pattern, rays
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -100,9 +106,21 @@ def test_a_checkerboard_of_focus_and_blur_is_marched_at_the_full_size(monkeypatc
 
 @pytest.mark.parametrize("radius", [0.0, 30.0, -30.0])
 def test_one_surface_in_focus_or_all_blurred_equals_the_full_size(monkeypatch, radius):
-    image, defocus = texture(64, 96), np.full((64, 96), radius, np.float32)
+    """Bits of the pixels that another surface at the right border does not reach, where its rays run."""
+    image, defocus = texture(64, 256), np.full((64, 256), radius, np.float32)
+    defocus[:, 240:] = radius + 8.0
+    calls = []
+
+    def counted(*arguments, **keywords):
+        calls.append(arguments)
+        march_levels(*arguments, **keywords)
+
+    monkeypatch.setattr(rays_renderer, "march_levels", counted)
     truth = at_full_size(monkeypatch, image, defocus, seeds=1)
-    np.testing.assert_array_equal(rays(image, defocus, seed=1), truth)
+    result = rays(image, defocus, seed=1)
+    assert len(calls) == 2
+    assert np.array_equal(result, truth) == (radius == 0)
+    np.testing.assert_array_equal(result[:, :96], truth[:, :96])
 
 
 def test_halos_grow_with_the_radius():
@@ -125,35 +143,44 @@ def test_smaller_sizes_behind_an_aberrated_lens_differ_by_less_than_a_level(monk
     assert rms(smaller, truth) < 1 / 255
 
 
-def test_blocks_that_a_curved_field_brings_into_focus_are_sharp():
+def test_pixels_to_which_a_curved_field_brings_a_surface_into_focus_have_limits_above_its_blur():
     """Authority: the extent of traced rays, which is smaller than the limit at some defocus of each block."""
     points, _, chances = pupil_pattern(Aperture())
     lens = lens_table(lens_with(field_curvature=4.0), Viewport.whole(640, 960), chances)
     extents = bundle_extents(points, lens)
     _, aberration = lens.footprint
     assert aberration > 4
-    smallest = np.full((40, 60), 6.0 + 0.5 * aberration, np.float32)
-    is_sharp, reach = sharp_blocks(smallest, 12.0, side=16, largest=80.0, extents=extents, lens=lens, above=0)
+    smallest = 6.0 + 0.5 * aberration
+    limits = sharp_limits((40, 60), 12.0, side=16, largest=80.0, extents=extents, lens=lens, above=0)
+    is_sharp = smallest < limits.radii[limits.rings]
     assert is_sharp[0, 0]
     assert is_sharp[-1, -1]
-    rows, columns = (16 * np.arange(count) + 7.5 for count in smallest.shape)
+    assert not is_sharp.all()
+    rows, columns = (16 * np.arange(count) + 7.5 for count in is_sharp.shape)
     field = lens.scale * np.hypot(rows[:, None] - lens.row, columns - lens.column)
     rings = (field * (len(extents) - 1)).astype(int)
     levels = np.arange(-LEVELS, LEVELS + 1)
-    focused = np.array(
-        [(extents[ring, :-1] < 12.0) & (np.abs(levels) >= smallest[0, 0]) for ring in rings.ravel()]
-    )
+    focused = np.array([(extents[ring, :-1] < 12.0) & (np.abs(levels) >= smallest) for ring in rings.ravel()])
     assert 0 < focused.any(1).sum() < focused.shape[0]
     assert is_sharp.ravel()[focused.any(1)].all()
-    assert reach >= 12.0
+    assert (limits.reaches >= 12.0).all()
 
 
-def test_blocks_of_a_lens_without_aberrations_are_those_of_a_perfect_one():
+def test_limits_of_a_strip_are_those_of_its_rows_in_the_picture():
+    points, _, chances = pupil_pattern(Aperture())
+    lens = lens_table(lens_with(field_curvature=4.0, coma=2.0), Viewport.whole(640, 960), chances)
+    keywords = {"side": 16, "largest": 80.0, "extents": bundle_extents(points, lens), "lens": lens}
+    whole, strip = (sharp_limits((rows, 60), 12.0, above=16 * (40 - rows), **keywords) for rows in (40, 16))
+    np.testing.assert_array_equal(strip.rings, whole.rings[24:])
+    np.testing.assert_array_equal(strip.radii, whole.radii)
+    np.testing.assert_array_equal(strip.reaches, whole.reaches)
+
+
+def test_limits_of_a_lens_without_aberrations_are_those_of_a_perfect_one():
     points, _, chances = pupil_pattern(Aperture())
     lens = lens_table(LensResponse(), Viewport.whole(320, 480), chances)
-    smallest = np.linspace(0, 40, 600, dtype=np.float32).reshape(20, 30)
-    is_sharp, reach = sharp_blocks(
-        smallest, 12.0, side=16, largest=40.0, extents=bundle_extents(points, lens), lens=lens, above=0
-    )
-    np.testing.assert_array_equal(is_sharp, smallest < 12)
-    assert 12 <= reach < 14
+    extents = bundle_extents(points, lens)
+    limits = sharp_limits((20, 30), 12.0, side=16, largest=40.0, extents=extents, lens=lens, above=0)
+    np.testing.assert_array_equal(limits.radii, 12.0)
+    assert (limits.reaches >= 12).all()
+    assert (limits.reaches < 14).all()
