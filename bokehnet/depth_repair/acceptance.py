@@ -15,9 +15,9 @@ which the change is accepted.
 
 import numpy as np
 
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.depth_repair.config import BLOCK_PX, MAX_AGREEMENT, MIN_EDGE_HEIGHT, NEAR_PX, RepairConfig
 from bokehnet.depth_repair.edge_profile import DISTANCES_PX, sample_edges
-from bokehnet.depth_repair.filters import local_extremes
 
 __all__ = ["accepted_blocks", "block_pixels", "changed_pixels"]
 
@@ -40,7 +40,7 @@ def accepted_blocks(image: np.ndarray, old: np.ndarray, new: np.ndarray, config:
     changed = changed_pixels(old, new)
     if not changed.any():
         return np.zeros(shape, bool)
-    near = local_extremes(changed, NEAR_PX)[1]
+    near = dilated(changed, NEAR_PX)
     (old_counts, old_sums), (new_counts, new_sums) = (
         _block_sums(image, values, near) for values in (old, new)
     )

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.halving import halvings
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import warn_deprecated
 from bokehnet.depth_repair.acceptance import accepted_blocks, block_pixels, changed_pixels
@@ -237,7 +238,7 @@ class DisparityRepair:
             without = repaired
             repaired = restore_thin_structures(colors, repaired, MIN_EDGE_HEIGHT * span)
             # Traced lines have rough borders.
-            repaired = snap_soft_edges(colors, repaired, local_extremes(repaired != without, 1)[1], span)
+            repaired = snap_soft_edges(colors, repaired, dilated(repaired != without, 1), span)
         return repaired
 
     def _restore_soft_edges(

@@ -13,6 +13,7 @@ import numpy as np
 
 from bokehnet.arrays.pyramid import upsample2
 from bokehnet.arrays.row_blocks import make_in_row_blocks
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, NEAR_PX
 from bokehnet.depth_repair.filters import extend_rows, local_extremes
 from bokehnet.depth_repair.stages.deblur import MEDIAN_HALO_PX, snap_soft_edges
@@ -56,9 +57,10 @@ def enlarge_changes(
     joined = make_in_row_blocks(make, disparity.shape, np.float32)
     if not sharpen and not moved_at.any():
         return disparity
-    sharp, near = repair_soft_edges(joined), np.broadcast_to(np.True_, disparity.shape)
+    sharp = repair_soft_edges(joined)
+    near: np.ndarray = np.broadcast_to(np.True_, disparity.shape)
     if not sharpen:
-        near = local_extremes(moved_at, BLOCK_PX // 2)[1]
+        near = dilated(moved_at, BLOCK_PX // 2)
         if allowed is not None:
             near &= allowed
 

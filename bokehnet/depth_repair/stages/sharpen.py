@@ -11,6 +11,7 @@ In: a map (H, W), any unit. Out: the map with sharp edges, in the same unit.
 import numpy as np
 
 from bokehnet.arrays.row_blocks import make_in_row_blocks
+from bokehnet.arrays.square_windows import dilated
 from bokehnet.depth_repair.config import (
     MAX_SLOPE_CHANGE,
     MIN_DISTANCE_FROM_EXTREMES,
@@ -87,7 +88,7 @@ def soft_mask(disparity: np.ndarray, span: float) -> np.ndarray:
         disparity: Map, (H, W), any unit.
         span: Range of values that defines the minimum edge height.
     """
-    return local_extremes(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), NEAR_PX)[1]
+    return dilated(soft_pixels(disparity, MIN_EDGE_HEIGHT * span), NEAR_PX)
 
 
 def soft_edge_fraction(disparity: np.ndarray, by_height: bool = True) -> float:

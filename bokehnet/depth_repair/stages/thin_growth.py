@@ -13,6 +13,7 @@ in the same unit, nowhere farther away.
 import numpy as np
 from numba import prange
 
+from bokehnet.arrays.square_windows import dilated, reduce_windows
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import (
     COLOR_SIGMA,
@@ -82,7 +83,7 @@ def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: f
     """
     colors = np.asarray(encode(np.minimum(image, 1.0)), np.float32)
     result = disparity.copy()
-    border = local_extremes(disparity, 1)[1] > disparity + min_height
+    border = reduce_windows(disparity, 1, np.maximum) > disparity + min_height
     while border.any():
         ys, xs = np.nonzero(border)
         values = np.empty(len(ys), np.float32)
@@ -92,7 +93,7 @@ def grow_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height: f
         result[ys[joined], xs[joined]] = values[joined]
         new = np.zeros(border.shape, bool)
         new[ys[joined], xs[joined]] = True
-        border = local_extremes(new, 1)[1] & ~new
+        border = dilated(new, 1) & ~new
     return np.where(_thin_pixels(result, MAX_HALF_WIDTH_PX, min_height), result, disparity)
 
 

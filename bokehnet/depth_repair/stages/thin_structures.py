@@ -28,6 +28,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.arrays.box_mean import box_mean
+from bokehnet.arrays.square_windows import reduce_windows
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.depth_repair.config import (
     BLOCK_PX,
@@ -45,7 +46,6 @@ from bokehnet.depth_repair.config import (
     STEPS_AHEAD,
     TURNS,
 )
-from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.stages.line_profile import (
     color_difference_at,
     half_width,
@@ -289,7 +289,8 @@ def restore_thin_structures(image: np.ndarray, disparity: np.ndarray, min_height
     result = disparity.copy()
     if min(disparity.shape) < 2:
         return result
-    ys, xs = np.nonzero(local_extremes(disparity, MAX_SEED_DISTANCE_PX)[1] > disparity + min_height)
+    nearest = reduce_windows(disparity, MAX_SEED_DISTANCE_PX, np.maximum)
+    ys, xs = np.nonzero(nearest > disparity + min_height)
     picture = encode(np.minimum(image, 1.0)).astype(np.float32, copy=False)
     seeds, is_marked = np.empty((len(ys), 4), np.int64), np.empty(len(ys), np.bool_)
     with parallel_region:

@@ -124,7 +124,8 @@ def test_no_blur_gives_the_picture_back(folder, cli):
 @pytest.mark.parametrize("engine", ["scatter", "fast"])
 def test_a_blur_larger_than_the_picture_is_fine(folder, cli, random_weights, engine):
     """A disc over the whole picture, and normalised: the result lies between the extremes of the input."""
-    options = ("--engine", engine, "--weights", random_weights, "--save-maps", "maps")
+    weights = ("--weights", random_weights) if engine == "fast" else ()
+    options = ("--engine", engine, *weights, "--save-maps", "maps")
     assert cli(*RELATIVE, "--blur", 5000, "--focus", 0.7, "-o", "out.exr", *options).code == 0
     classical, before = read_image("maps/classical.png"), read_image("photo.png")
     assert classical.std(axis=(0, 1)).max() < before.std(axis=(0, 1)).min() / 4

@@ -64,6 +64,7 @@ def test_the_repair_is_decided_once(noisy, cli, steady):
         "noise",
         "local_shift",
         "thin_fraction",
+        "wrong_pixels",
     }
     assert {frame["repaired"] for frame in summary["frames"].values()} == {summary["plan"]["repaired"]}
 
