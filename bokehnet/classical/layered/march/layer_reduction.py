@@ -2,7 +2,8 @@
 
 A block of 2x2 pixels becomes one pixel. Its first layer is the nearest surface of the block, with the
 fraction of the block that it covers; its second layer is what the rest of the block shows, and what the
-nearest surface occludes. One pixel on each side continues the border of the picture, as rays that leave the
+nearest surface occludes. Where a layer joins surfaces on both sides of focus, it has the defocus of those
+with the larger weight. One pixel on each side continues the border of the picture, as rays that leave the
 picture do: otherwise they would read the mean of a block at the border instead of the border itself.
 """
 
@@ -52,12 +53,17 @@ def half_layers(layers: Layers) -> Layers:
 
 
 @njit(cache=True, forceinline=True)
-def _add(means, layer, weight, color, depth):
-    """Add a surface to the sums (L, 5) of a layer: weight, weighted defocus and color."""
-    means[layer, 0] += weight
-    means[layer, 1] += weight * depth
+def _add(sums, layer, weight, color, depth):
+    """Add a surface to the sums (L, 7) of a layer.
+
+    These are weight and weighted defocus of surfaces behind focus, the same in front of it, and weighted
+    color.
+    """
+    side = 2 if depth > 0.0 else 0
+    sums[layer, side] += weight
+    sums[layer, side + 1] += weight * depth
     for c in range(3):
-        means[layer, 2 + c] += weight * color[c]
+        sums[layer, 4 + c] += weight * color[c]
 
 
 @njit(cache=True, parallel=True)
@@ -65,9 +71,9 @@ def _reduce(colors, depths, coverage, threshold, occluded_weight, half_colors, h
     """Write the layers of the blocks of 2x2 pixels of (H, W, L, ...), see :func:`half_layers`."""
     height, width, layers = depths.shape
     for row in prange(half_depths.shape[0]):
-        means, rows, columns = np.empty((layers, 5)), np.empty(4, np.int64), np.empty(4, np.int64)
+        sums, rows, columns = np.empty((layers, 7)), np.empty(4, np.int64), np.empty(4, np.int64)
         for column in range(half_depths.shape[1]):
-            means[:] = 0.0
+            sums[:] = 0.0
             nearest, second = -np.inf, -np.inf
             for i in range(4):
                 y = min(max(2 * row - 2 + i // 2, 0), height - 1)
@@ -86,21 +92,23 @@ def _reduce(colors, depths, coverage, threshold, occluded_weight, half_colors, h
                 covered, layer = coverage[y, x, 0], 0
                 if depths[y, x, 0] < nearest - threshold:
                     layer = min(1 if depths[y, x, 0] >= second - threshold else 2, layers - 1)
-                _add(means, layer, covered, colors[y, x, 0], depths[y, x, 0])
+                _add(sums, layer, covered, colors[y, x, 0], depths[y, x, 0])
                 seen = 1.0 - covered + occluded_weight * covered
                 for behind in range(1, layers):
                     layer = behind
                     if behind == 1 and depths[y, x, 1] < second - threshold:
                         layer = min(2, layers - 1)
-                    _add(means, layer, seen, colors[y, x, behind], depths[y, x, behind])
+                    _add(sums, layer, seen, colors[y, x, behind], depths[y, x, behind])
                     seen *= occluded_weight
             y, x = rows[0], columns[0]
             for layer in range(layers):
-                weight = means[layer, 0]
+                weight = sums[layer, 0] + sums[layer, 2]
                 if weight > 0.0:
-                    half_depths[row, column, layer] = 0.5 * means[layer, 1] / weight
+                    # The mean of surfaces on both sides of focus would be a sharp one.
+                    side = 2 if sums[layer, 2] > sums[layer, 0] else 0
+                    half_depths[row, column, layer] = 0.5 * sums[layer, side + 1] / sums[layer, side]
                     for c in range(3):
-                        half_colors[row, column, layer, c] = means[layer, 2 + c] / weight
+                        half_colors[row, column, layer, c] = sums[layer, 4 + c] / weight
                 elif layer > 0:
                     half_depths[row, column, layer] = half_depths[row, column, layer - 1]
                     half_colors[row, column, layer] = half_colors[row, column, layer - 1]
@@ -110,4 +118,4 @@ def _reduce(colors, depths, coverage, threshold, occluded_weight, half_colors, h
                 if layer > 0:
                     front = half_depths[row, column, layer - 1]
                     half_depths[row, column, layer] = min(half_depths[row, column, layer], front)
-            half_coverage[row, column, 0] = min(0.25 * means[0, 0], 1.0)
+            half_coverage[row, column, 0] = min(0.25 * (sums[0, 0] + sums[0, 2]), 1.0)

@@ -1,6 +1,7 @@
 """Layers at half their size. Authority: means of blocks, by hand."""
 
 import numpy as np
+import pytest
 
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.march.layer_reduction import half_layers, half_shape
@@ -42,3 +43,21 @@ def test_a_foreground_covers_its_fraction_of_a_block():
     np.testing.assert_allclose(half.colors[1, 1, 0], 0.8, rtol=1e-6)
     np.testing.assert_allclose(half.defocus[1, 1], [15, -15])
     assert 0 < half.colors[1, 1, 1, 0] < 0.2  # the wall, and what the post hides: black
+
+
+@pytest.mark.parametrize("occluded", [12.0, 18.0, 25.0])
+def test_surfaces_on_both_sides_of_focus_do_not_become_a_sharp_one(occluded):
+    """A post over half of the block hides a near surface; the other half shows a far one."""
+    defocus = np.array([[40.0, -20.0], [40.0, -20.0]])
+    layers = two_layers(defocus, np.ones((2, 2)), np.full((2, 2), 0.5), -20.0)
+    layers.defocus[:, 0, 1] = occluded
+    half = half_layers(layers)
+    np.testing.assert_allclose(half.defocus[1, 1], [20, -10])
+
+
+def test_a_layer_has_the_defocus_of_its_larger_part():
+    """Behind glass: three far pixels and a near one; authority: the mean of the three."""
+    defocus = np.array([[50.0, 50.0], [50.0, 50.0]])
+    layers = two_layers(defocus, np.full((2, 2), 0.25), np.full((2, 2), 0.5), -20.0)
+    layers.defocus[:, :, 1] = [[-20.0, -22.0], [-24.0, 30.0]]
+    assert half_layers(layers).defocus[1, 1, 1] == np.float32(-11)
