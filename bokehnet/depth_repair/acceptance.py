@@ -16,7 +16,7 @@ which the change is accepted.
 import numpy as np
 
 from bokehnet.arrays.square_windows import dilated
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, NEAR_PX, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MAX_AGREEMENT, MIN_EDGE_HEIGHT, NEAR_PX, RepairConfig
 from bokehnet.depth_repair.edge_profile import DISTANCES_PX, sample_edges
 
 __all__ = ["accepted_blocks", "block_pixels", "changed_pixels"]
@@ -68,7 +68,7 @@ def block_pixels(blocks: np.ndarray, shape: tuple[int, ...], scale: int = 1) -> 
 def _block_sums(image: np.ndarray, disparity: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the number of edge pixels in a mask and the sum of their agreement, both (H / 8, W / 8)."""
     edges = sample_edges(image, disparity, mask=mask)
-    agreement = edges.heights[:, len(DISTANCES_PX) // 2].min(0)
+    agreement = edges.heights[:, len(DISTANCES_PX) // 2].min(0).clip(-MAX_AGREEMENT, MAX_AGREEMENT)
     rows, columns = (edges.places / BLOCK_PX).astype(np.intp)
     counts, sums = np.zeros((2, *(-(-side // BLOCK_PX) for side in disparity.shape)))
     np.add.at(counts, (rows, columns), 1)

@@ -24,11 +24,13 @@ __all__ = [
     "LINE_COLOR_DIFFERENCE",
     "LINE_INSET_PX",
     "LINE_STEP_PX",
+    "MAX_AGREEMENT",
     "MAX_DETAILS",
     "MAX_HALF_WIDTH_PX",
     "MAX_NEAR_FRACTION",
     "MAX_PEAK_DISTANCE_PX",
     "MAX_RAMP_PX",
+    "MAX_RESIDUAL_RATIO",
     "MAX_SAMPLES",
     "MAX_SEED_DISTANCE_PX",
     "MAX_SLOPE_CHANGE",
@@ -144,6 +146,11 @@ NOISE_SIGMAS = 2.0
 # content.
 MIN_WRONG_FRACTION, MAX_WRONG_FRACTION = 0.0005, 0.01
 
+# Acceptance
+
+# Maximum absolute agreement of a single edge pixel: a few strong edges must not outweigh all others.
+MAX_AGREEMENT = 2.0
+
 # Soft edges
 
 # Soft pixels: minimum distance from both extremes of the window, as a fraction of the edge height.
@@ -179,6 +186,10 @@ COLOR_VARIANCE = 1e-4
 
 # Number of van Cittert iterations.
 VAN_CITTERT_ITERATIONS = 2
+
+# Maximum ratio of the residuals of a soft map with and without its growth corrected at which the corrected
+# one is used. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
+MAX_RESIDUAL_RATIO = 0.73
 
 # Thin structures
 

@@ -27,7 +27,7 @@ from bokehnet.arrays.square_windows import dilated
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.deprecation import warn_deprecated
 from bokehnet.depth_repair.acceptance import accepted_blocks, block_pixels, changed_pixels
-from bokehnet.depth_repair.config import BLOCK_PX, MIN_EDGE_HEIGHT, RepairConfig
+from bokehnet.depth_repair.config import BLOCK_PX, MAX_RESIDUAL_RATIO, MIN_EDGE_HEIGHT, RepairConfig
 from bokehnet.depth_repair.diagnosis import Diagnosis, diagnose, noise_level
 from bokehnet.depth_repair.filters import local_extremes
 from bokehnet.depth_repair.repair_plan import RepairPlan
@@ -246,8 +246,8 @@ class DisparityRepair:
     ) -> np.ndarray:
         """Return the map with blurred detail and with its soft edges at colour edges, (H, W).
 
-        A map that was grown before it was blurred has a smaller residual with its growth corrected. The input
-        is better if only blur makes thin structures seem larger.
+        A map that was grown before it was blurred has a far smaller residual with its growth corrected. The
+        input is better if only blur makes thin structures seem larger.
         """
         stages, versions = self._config.stages, []
         for growth in sorted({0, placement.growth}, key=abs):
@@ -258,7 +258,8 @@ class DisparityRepair:
                 values = restore_blurred_detail(image, placed, repaired, blur.sigma)
                 blur = estimate_blur(placed, values, mask)
             versions.append((blur.residual, mask, values))
-        _, mask, values = min(versions, key=lambda version: version[0])
+        first, last = versions[0], versions[-1]
+        _, mask, values = last if last[0] < MAX_RESIDUAL_RATIO * first[0] else first
         return snap_soft_edges(image, values, mask, span) if "snap" in stages else values
 
 
