@@ -47,6 +47,7 @@ __all__ = [
     "MIN_MIXED_CHANGE",
     "MIN_MIXED_EDGE",
     "MIN_NOISE_SIDE_PX",
+    "MIN_RELATIVE_AGREEMENT",
     "MIN_RESTORED",
     "MIN_SHARED_NOISE",
     "MIN_SLOPE_RATIO",
@@ -128,6 +129,11 @@ ERROR_GROUPS, STANDARD_ERRORS = 16, 2.0
 
 # Scales of the profiles of the whole map: edges of coarse maps are scattered around those of the picture.
 PROFILE_SCALES = (1, 2, 3)
+
+# Registration
+
+# Minimum agreement of the edges with a displacement, relative to the one with the best agreement.
+MIN_RELATIVE_AGREEMENT = 0.5
 
 # Noise
 

@@ -116,13 +116,12 @@ def diagnose(image: np.ndarray, disparity: np.ndarray, softness: float, config: 
         softness: Fraction of soft edges of the input.
         config: Numbers of the repair.
     """
-    profiles = [
-        sample_edges(image, disparity, MAX_SAMPLES, scale=scale).profile() for scale in PROFILE_SCALES
-    ]
+    samples = [sample_edges(image, disparity, MAX_SAMPLES, scale=scale) for scale in PROFILE_SCALES]
+    profiles = [edges.profile() for edges in samples]
     placement = find_placement(image, disparity, config) if "register" in config.stages else NO_PLACEMENT
     candidates, growth = [placement], -round(profiles[0].offset)
     if "register" in config.stages and placement == NO_PLACEMENT and 0 < abs(growth) <= config.max_shift_px:
-        local, _, _ = verified(image, disparity, Placement(growth=growth))
+        local, _, _ = verified(image, disparity, Placement(growth=growth), samples[0].count)
         candidates += [local] if local.growth else []
     return Diagnosis(
         softness=softness,

@@ -65,12 +65,14 @@ class EdgeSamples:
         weights: Slope of the smoothed map, as a fraction of its range per pixel, (N,).
         heights: Gradient at each distance of ``DISTANCES_PX`` above the far and above the near side of that
             distance, as a fraction of the mean gradient of the edge, (2, distances, N).
+        count: Number of all edge pixels, of which the samples are a part.
     """
 
     places: np.ndarray
     normals: np.ndarray
     weights: np.ndarray
     heights: np.ndarray
+    count: int = 0
 
     def agreement(self, distances: np.ndarray | float = 0.0) -> tuple[float, float]:
         """Return the mean agreement of all edges displaced along their normals, and its standard error.
@@ -146,12 +148,14 @@ def sample_edges(
     normals = np.array([down[steep], right[steep]]) / centre
     ahead, behind = (_sample(slope[None], pixels + way * normals)[0] for way in (1, -1))
     ridge = (centre >= ahead) & (centre > behind)
-    if max_edges is not None and ridge.sum() > max_edges:
-        ridge = np.flatnonzero(ridge)[np.linspace(0, ridge.sum() - 1, max_edges).astype(np.intp)]
+    count = int(ridge.sum())
+    if max_edges is not None and count > max_edges:
+        ridge = np.flatnonzero(ridge)[np.linspace(0, count - 1, max_edges).astype(np.intp)]
     pixels, normals, centre, ahead, behind = (x[..., ridge] for x in (pixels, normals, centre, ahead, behind))
     vertex = (ahead - behind) / (2 * (2 * centre - ahead - behind))  # of the parabola through three slopes
     places = pixels + vertex * normals
-    return EdgeSamples(places, normals, centre, _heights(_gradients(image, places, normals, reach), scale))
+    heights = _heights(_gradients(image, places, normals, reach), scale)
+    return EdgeSamples(places, normals, centre, heights, count)
 
 
 def _gradients(image: np.ndarray, places: np.ndarray, normals: np.ndarray, reach: float) -> np.ndarray:

@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from bokehnet.depth_repair.config import MAX_SAMPLES, STANDARD_ERRORS, RepairConfig
+from bokehnet.depth_repair.config import MAX_SAMPLES, MIN_RELATIVE_AGREEMENT, STANDARD_ERRORS, RepairConfig
 from bokehnet.depth_repair.edge_profile import EdgeSamples, sample_edges
 from bokehnet.depth_repair.filters import shift_edges, translate_map
 
@@ -69,12 +69,15 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
     )
     candidates = []
     for displacement in displacements:
-        moved, agreement, error = verified(image, disparity, displacement)
-        # Edges that the displacement deletes are missing in the agreement of the displaced map.
-        of_all = min(agreement, edges.agreement(_displacement(edges, displacement))[0])
-        candidates.append((of_all, agreement, error, moved))
-    highest, _, tolerance, _ = max(candidates, key=lambda candidate: candidate[0])
-    _, agreement, error, best = next(c for c in candidates if c[0] >= highest - tolerance)
+        moved, agreement, error = verified(image, disparity, displacement, edges.count)
+        of_edges = edges.agreement(_displacement(edges, displacement))[0]
+        candidates.append((of_edges, min(agreement, of_edges), agreement, error, moved))
+    # The edges of a repeated pattern agree with others of it, but much less than with their own.
+    most = max(candidate[0] for candidate in candidates)
+    lowest = min(most, MIN_RELATIVE_AGREEMENT * most)  # the agreement may be negative
+    candidates = [candidate for candidate in candidates if candidate[0] >= lowest]
+    _, highest, _, tolerance, _ = max(candidates, key=lambda candidate: candidate[1])
+    *_, agreement, error, best = next(c for c in candidates if c[1] >= highest - tolerance)
     margin = STANDARD_ERRORS * error
     gain = agreement - margin - edges.agreement()[0]
     is_better = agreement - margin >= config.min_certainty and gain >= config.min_gain * agreement
@@ -103,9 +106,12 @@ def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
 
 
 def verified(
-    image: np.ndarray, disparity: np.ndarray, placement: Placement
+    image: np.ndarray, disparity: np.ndarray, placement: Placement, edge_count: int
 ) -> tuple[Placement, float, float]:
     """Return the placement whose displaced map agrees best with the picture, its agreement and the error.
+
+    Edges that the displacement deletes have no agreement: the mean is over ``edge_count`` edge pixels, the
+    number of the given map, or over those of the displaced map if they are more.
 
     A square window moves oblique edges by up to the square root of 2 times its half width, so that smaller
     growths than that of the edges compete. Of those within one standard error of the best, the smallest is
@@ -116,7 +122,9 @@ def verified(
     agreements = {}
     for size in range(int(pixels / math.sqrt(2)), pixels + 1):
         growth = int(math.copysign(size, placement.growth))
-        agreements[growth] = sample_edges(image, shift_edges(moved, growth), MAX_SAMPLES).agreement()
+        edges = sample_edges(image, shift_edges(moved, growth), MAX_SAMPLES)
+        kept = min(1.0, edges.count / max(edge_count, 1))
+        agreements[growth] = tuple(kept * value for value in edges.agreement())
     best, tolerance = max(agreements.values())
     growth = min((g for g, (mean, _) in agreements.items() if mean >= best - tolerance), key=abs)
     agreement, error = agreements[growth]

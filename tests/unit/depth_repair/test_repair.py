@@ -76,6 +76,19 @@ def test_regions_grown_or_shrunk_and_then_blurred_are_restored(degrade, deviatio
     assert ((result.disparity > 0.6) != near).mean() < 1e-4
 
 
+@pytest.mark.parametrize(("pitch", "wire"), [(24, 5), (24, 7), (36, 5), (36, 7), (48, 5)])
+def test_a_blurred_net_keeps_its_place_and_its_wires(pitch, wire):
+    """Edges of a wire agree with those of its neighbours, too; authority: the net before blur by 3 px."""
+    y, x = np.mgrid[:256, :320]
+    near = ((x + y) % pitch < wire) | ((x - y) % pitch < wire)
+    texture = gaussian_filter(np.random.default_rng(0).standard_normal(near.shape), 2)
+    colors = np.where(near[..., None], [0.15, 0.14, 0.13], [0.45, 0.5, 0.3])
+    image = (colors * np.exp(0.25 * texture / texture.std())[..., None]).astype(np.float32)
+    truth = np.where(near, 0.8, 0.15 + 2e-4 * x).astype(np.float32)
+    result = DisparityRepair().repair(image, gaussian_filter(truth, 3), "auto")
+    assert ((result.disparity > 0.5) != near).mean() < 0.01
+
+
 STAGE_FUNCTIONS = {
     "denoise": "repair.without_outliers",
     "sharpen": "repair.repair_soft_edges",
