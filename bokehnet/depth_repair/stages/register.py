@@ -4,11 +4,11 @@ A map has an offset if it comes from another camera or crop, or if it was enlarg
 instead of centres. Foreground regions are too large or too small everywhere in maps of stereo windows and of
 some networks.
 
-Method: exhaustive search on a coarse grid and around its best point for the displacement of all depth edges
-at which they agree best with the picture (:mod:`bokehnet.depth_repair.edge_profile`). An edge with the normal
-n moves by n . o - g for an offset o and a growth g. Of growth, offset, and both, the simplest within one
-standard error of the best is used (Breiman et al., "Classification and Regression Trees", 1984). It must
-agree clearly better than the map as it is.
+Method: exhaustive search, for both on a coarse grid and around its best point, for the displacement of all
+depth edges at which they agree best with the picture (:mod:`bokehnet.depth_repair.edge_profile`). An edge
+with the normal n moves by n . o - g for an offset o and a growth g. Of growth, offset, and both, the simplest
+within one standard error of the best is used (Breiman et al., "Classification and Regression Trees", 1984).
+It must agree clearly better than the map as it is.
 
 In: the picture, scene-linear (3, H, W), and a sharp map (H, W), any unit. Out: a :class:`Placement`.
 """
@@ -60,12 +60,13 @@ def find_placement(image: np.ndarray, disparity: np.ndarray, config: RepairConfi
     edges = sample_edges(image, disparity, MAX_SAMPLES)
     if not len(edges.weights):
         return NO_PLACEMENT
-    reach = range(-config.max_shift_px, config.max_shift_px + 1)
+    limit = config.max_shift_px
+    reach = range(-limit, limit + 1)
     # From the simplest displacement to the one with all three parameters.
     displacements = (
         _best([(0, 0)], reach, edges),
-        _best_offset(edges, range(1), config.max_shift_px),
-        _best_offset(edges, reach, config.max_shift_px),
+        _best(list(product(reach, reach)), range(1), edges),
+        _best_growth_and_offset(edges, limit),
     )
     candidates = []
     for displacement in displacements:
@@ -96,13 +97,13 @@ def _best(offsets: list[tuple[int, int]], growths: range, edges: EdgeSamples) ->
     return max(candidates, key=lambda candidate: edges.agreement(_displacement(edges, candidate))[0])
 
 
-def _best_offset(edges: EdgeSamples, growths: range, reach: int) -> Placement:
+def _best_growth_and_offset(edges: EdgeSamples, limit: int) -> Placement:
     """Return the displacement with the best agreement: of every second one, then of its neighbours."""
-    coarse = range(-reach + reach % 2, reach + 1, 2)
-    rough = _best(list(product(coarse, coarse)), growths[::2], edges)
-    around = [(rough.offset[0] + y, rough.offset[1] + x) for y, x in product((-1, 0, 1), repeat=2)]
-    near = range(max(growths[0], rough.growth - 1), min(growths[-1], rough.growth + 1) + 1)
-    return _best(around, near, edges)
+    coarse = range(-limit + limit % 2, limit + 1, 2)
+    rough = _best(list(product(coarse, coarse)), coarse, edges)
+    down, right = (range(pixels - 1, pixels + 2) for pixels in rough.offset)
+    growths = range(max(-limit, rough.growth - 1), min(limit, rough.growth + 1) + 1)
+    return _best(list(product(down, right)), growths, edges)
 
 
 def verified(

@@ -89,6 +89,16 @@ def test_a_blurred_net_keeps_its_place_and_its_wires(pitch, wire):
     assert ((result.disparity > 0.5) != near).mean() < 0.01
 
 
+@pytest.mark.parametrize("wire", [5, 9])
+def test_a_net_is_moved_back_by_an_odd_number_of_pixels(wire):
+    """Half of the edges of a wire agree with the opposite edges, too; authority: the net where it was."""
+    y, x = np.mgrid[:200, :320]
+    truth = np.where((x % 36 < wire) | (y % 36 < wire), 0.8, 0.1).astype(np.float32)
+    result = DisparityRepair().repair(textured(truth), np.roll(truth, 3, axis=1), "auto")
+    assert result.plan.offset == (0, -3)
+    assert ((result.disparity > 0.5) != (truth > 0.5))[16:-16, 16:-16].mean() < 0.01
+
+
 STAGE_FUNCTIONS = {
     "denoise": "repair.without_outliers",
     "sharpen": "repair.repair_soft_edges",
