@@ -56,6 +56,7 @@ __all__ = [
     "MIN_WRONG_FRACTION",
     "NEAR_PX",
     "NEIGHBOURHOOD_PX",
+    "NOISE_RADIUS",
     "NOISE_SIGMAS",
     "PEAK_SIDES_PX",
     "PROFILE_SCALES",
@@ -145,8 +146,10 @@ MIN_NOISE_SIDE_PX, MAX_DETAILS = 4 * BLOCK_PX, 2**18
 # fraction of the range. Accurate maps by plane sweep have up to 0.0053 of detail, maps of networks 0.0002.
 DETAIL_BLOCK_PX, SHARED_NOISE_FACTOR, MIN_SHARED_NOISE = BLOCK_PX // 2, 1.8, 0.008
 
-# Joint bilateral filter: standard deviation of disparities, in those of the noise.
-NOISE_SIGMAS = 2.0
+# Joint bilateral filter: half width of the window in samples, also the distance of the samples in the first
+# pass, pixels; and standard deviation of disparities, in those of the noise. With a half width of 2 maps with
+# noise of 2 % have 2.3 dB less (``python -m benchmarks.speed.ratios noise``).
+NOISE_RADIUS, NOISE_SIGMAS = 3, 2.0
 
 # Bounds of the fraction of wrong pixels: exact maps have up to 0.0003, and above the upper bound they are the
 # content.

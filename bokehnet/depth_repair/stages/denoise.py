@@ -21,6 +21,7 @@ from bokehnet.depth_repair.config import (
     MAX_WRONG_FRACTION,
     MIN_WRONG_FRACTION,
     NEAR_PX,
+    NOISE_RADIUS,
     NOISE_SIGMAS,
 )
 from bokehnet.depth_repair.filters import extend_rows, joint_bilateral
@@ -38,9 +39,9 @@ def denoise_map(image: np.ndarray, disparity: np.ndarray, deviation: float) -> n
         deviation: Standard deviation of the noise, in the unit of the map.
     """
     colors = np.asarray(encode(image), np.float32)
-    for spacing, color_sigma in ((NEAR_PX, COLOR_SIGMA), (1, math.inf)):
+    for spacing, color_sigma in ((NOISE_RADIUS, COLOR_SIGMA), (1, math.inf)):
         disparity = joint_bilateral(
-            colors, disparity, NEAR_PX, color_sigma, NOISE_SIGMAS * deviation, spacing=spacing
+            colors, disparity, NOISE_RADIUS, color_sigma, NOISE_SIGMAS * deviation, spacing=spacing
         )
     return disparity
 

@@ -76,8 +76,8 @@ def test_denoising_equals_two_joint_bilateral_filters():
     rng = np.random.default_rng(0)
     image, disparity = rng.random((9, 11, 3), np.float32), rng.random((9, 11), np.float32)
     colors, expected = encode(image).astype(np.float64), disparity.astype(np.float64)
-    radius, deviation = 2, 0.2
-    for step, color_sigma in ((2, 0.06), (1, np.inf)):
+    radius, deviation = 3, 0.2
+    for step, color_sigma in ((3, 0.06), (1, np.inf)):
         previous, expected = expected, np.empty_like(expected)
         for y, x in np.ndindex(previous.shape):
             places = (np.arange(-radius, radius + 1) * step + place for place in (y, x))
