@@ -300,17 +300,10 @@ def _make_rays(
 ) -> _Rays:
     """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
     points, weights, chances = pupil_pattern(job.aperture)
+    rays = partial(_Rays, points=points, weights=weights, radius=radius)
     response = job.lens_response
     if response is None or response.is_ideal:
-        return _Rays(
-            points=points,
-            weights=weights,
-            radius=radius,
-            reach=radius,
-            nominal=_RAYS,
-            near=error_map,
-            weight=error_map,
-        )
+        return rays(reach=radius, nominal=_RAYS, near=error_map, weight=error_map)
     shape = job.defocus.shape
     lens = lens_table(response, job.picture_viewport, chances, above=job.above, shape=shape)
     extents = bundle_extents(points, lens)
@@ -320,13 +313,10 @@ def _make_rays(
     weight = near
     if fringes is None:
         weight = np.maximum(error_map, lens.visible_deviation(shape, radius, job.above))
-    return _Rays(
-        points=points,
-        weights=weights,
+    return rays(
         lens=lens,
         fringes=fringes,
         extents=extents,
-        radius=radius,
         reach=lens.reach(radius),
         nominal=_COLORED_RAYS if response.is_dispersive else _LENS_RAYS,
         near=near,
