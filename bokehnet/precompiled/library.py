@@ -144,7 +144,7 @@ def library_folder() -> Path:
 
     try:
         return Path(str(metadata.distribution("bokehnet").locate_file(_INSTALLED)))
-    except Exception:  # none is installed, or its metadata is damaged; numba can still compile
+    except metadata.PackageNotFoundError:  # numba can still compile
         return FOLDER
 
 
