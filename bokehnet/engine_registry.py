@@ -27,8 +27,8 @@ class EngineSpec:
         sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
             correction has to suppress (by
             :func:`bokehnet.inference.coarse_to_fine.suppress_foreground_outlines`).
-        strip_halo: Rows around a strip on which its result depends, in units of the blur radius.
-        bytes_per_pixel: Peak memory per pixel of a strip, beyond input and output.
+        bytes_per_pixel: Peak memory per pixel of a strip and of what its rays reach, beyond input and output.
+        halo_bytes_per_pixel: The same per pixel of these and of what their occluded background depends on.
         in_strips: Whether large pictures can be rendered in strips under ``max_memory``.
         one_file: Whether ``bokehnet export`` can write it as one ONNX file.
     """
@@ -41,8 +41,8 @@ class EngineSpec:
     refines: bool = True
     traces_rays: bool = False
     sharp_foregrounds: bool = False
-    strip_halo: int
     bytes_per_pixel: int
+    halo_bytes_per_pixel: int = 0
     in_strips: bool = True
     one_file: bool = False
 
@@ -53,8 +53,8 @@ _RAYS = EngineSpec(
     classical="rays",
     renderer="bokehnet.classical.rays_renderer:render_rays",
     traces_rays=True,
-    strip_halo=2,  # rays cross one radius, occluded background is inpainted from one more
-    bytes_per_pixel=156,
+    bytes_per_pixel=96,
+    halo_bytes_per_pixel=60,
     one_file=True,
 )
 _SCATTER = EngineSpec(
@@ -63,7 +63,6 @@ _SCATTER = EngineSpec(
     classical="scatter",
     renderer="bokehnet.classical.scatter_renderer:render_scatter",
     sharp_foregrounds=True,
-    strip_halo=1,
     bytes_per_pixel=45,
 )
 

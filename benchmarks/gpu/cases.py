@@ -30,7 +30,8 @@ from benchmarks.measurement import median_seconds, scene
 from bokehnet.classical.cuda.march import CudaMarch
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.layered.march import ray_marching
-from bokehnet.classical.rays_renderer import Device, render_rays
+from bokehnet.classical.picture_job import Device
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.classical.scatter_renderer import scatter_inside
 from bokehnet.classical.torch import autograd
 from bokehnet.classical.torch.device_scatter import scatter_on

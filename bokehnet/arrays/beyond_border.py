@@ -24,28 +24,29 @@ COMPARED_PX = 9
 LAMP_RATIOS, LINE_RATIOS, LIGHT_FLOOR = (3.0, 4.0), (1.6, 2.0), 0.02
 
 
-def beyond_border(image: Array, above: int, below: int, sides: int) -> Array:
+def beyond_border(image: Array, above: int, below: int, left: int, right: int) -> Array:
     """Return a picture with more pixels around it.
 
     Args:
         image: Scene-linear picture, (H, W, C).
         above: Number of rows to add above.
         below: Number of rows to add below.
-        sides: Number of columns to add on each side.
+        left: Number of columns to add on the left.
+        right: Number of columns to add on the right.
 
     Examples:
         >>> image = np.full((6, 20, 3), 0.25, np.float32)
         >>> image[:, 0] = 1  # a bright line along the border
-        >>> [round(float(value), 2) for value in beyond_border(image, 0, 0, 3)[0, :5, 0]]
+        >>> [round(float(value), 2) for value in beyond_border(image, 0, 0, 3, 3)[0, :5, 0]]
         [0.25, 0.25, 1.0, 1.0, 0.25]
     """
     height, width, channels = image.shape
-    larger = np.empty((above + height + below, sides + width + sides, channels), image.dtype)
+    larger = np.empty((above + height + below, left + width + right, channels), image.dtype)
     middle = larger[above : above + height]
-    middle[:, sides : sides + width] = image
+    middle[:, left : left + width] = image
     columns = image.swapaxes(0, 1)
-    _continue(columns, middle[:, :sides][:, ::-1].swapaxes(0, 1))
-    _continue(columns[::-1], middle[:, sides + width :].swapaxes(0, 1))
+    _continue(columns, middle[:, :left][:, ::-1].swapaxes(0, 1))
+    _continue(columns[::-1], middle[:, left + width :].swapaxes(0, 1))
     _continue(middle, larger[:above][::-1])
     _continue(middle[::-1], larger[above + height :])
     return larger

@@ -39,27 +39,57 @@ MAX_RADIUS_IN_SIDES = 4.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Strip:
-    """Position of a strip of rows in its picture.
+    """Position of arrays in a larger picture, and the part of them that is rendered.
 
     Attributes:
         first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
         last: Row of the picture behind the last row of the arrays.
         height: Height of the whole picture, pixels.
         max_coc_radius: Largest blur radius of the whole picture, rounded up to whole pixels.
-        output_rows: Rows of the arrays whose result is valid; the others are the halo.
+        max_ray_reach: Maximum distance of rays from their pixel, pixels; at least ``max_coc_radius``.
+        output_rows: Rows of the arrays that are rendered; the others are the halo.
+        left: Column of the picture at which the arrays begin; a multiple of ``ALIGNED``.
+        right: Column of the picture behind the last column of the arrays; default: the width.
         width: Width of the whole picture, pixels; default: that of the arrays.
+        output_columns: Columns of the arrays that are rendered; default: all.
     """
 
     first: int
     last: int
     height: int
     max_coc_radius: int
+    max_ray_reach: int
     output_rows: slice
+    left: int = 0
+    right: int | None = None
     width: int | None = None
+    output_columns: slice | None = None
 
     def size(self, columns: int) -> tuple[int, int]:
         """Return height and width of the whole picture, pixels, for arrays with ``columns`` columns."""
         return self.height, self.width or columns
+
+    def columns(self, width: int) -> slice:
+        """Return the columns of a picture of this width that the arrays contain."""
+        return slice(self.left, self.right or width)
+
+    def output(self, columns: int) -> tuple[slice, slice]:
+        """Return the rendered rows and columns of arrays with ``columns`` columns."""
+        return self.output_rows, self.output_columns or slice(0, columns)
+
+    def cropped(self, rows: slice, columns: slice, of: int) -> "Strip":
+        """Return the position of a part of the arrays, which have ``of`` columns."""
+        output_rows, output_columns = self.output(of)
+        return replace(
+            self,
+            first=self.first + rows.start,
+            last=self.first + rows.stop,
+            output_rows=slice(output_rows.start - rows.start, output_rows.stop - rows.start),
+            left=self.left + columns.start,
+            right=self.left + columns.stop,
+            width=self.width or of,
+            output_columns=slice(output_columns.start - columns.start, output_columns.stop - columns.start),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,18 +114,19 @@ class ClassicalResult:
     mixed_pixels: KnownSurfaces | None = None
     scatter: np.ndarray | None = None
 
-    def rows(self, selection: slice) -> "ClassicalResult":
-        """Return the result of some of the rows."""
+    def part(self, rows: slice, columns: slice) -> "ClassicalResult":
+        """Return the result of some rows and columns, slices with both ends."""
 
         def cropped(array: np.ndarray | None) -> np.ndarray | None:
-            return None if array is None else array[selection]
+            return None if array is None else array[rows, columns]
 
+        mixed = self.mixed_pixels and self.mixed_pixels.in_rows(rows.start, rows.stop)
         return ClassicalResult(
-            bokeh=self.bokeh[selection],
-            error_map=self.error_map[selection],
+            bokeh=self.bokeh[rows, columns],
+            error_map=self.error_map[rows, columns],
             occluded_background=cropped(self.occluded_background),
             disocclusion_weight=cropped(self.disocclusion_weight),
-            mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(selection.start, selection.stop),
+            mixed_pixels=mixed and mixed.in_columns(columns.start, columns.stop, -columns.start),
             scatter=cropped(self.scatter),
         )
 
@@ -111,8 +142,8 @@ class ClassicalOptions(TypedDict, total=False):
     """Options of a classical renderer, in addition to picture, defocus and aperture.
 
     Attributes:
-        strip: Position of these rows in a larger picture; default: the arrays are the whole picture. Only the
-            ``output_rows`` of the result are valid.
+        strip: Position of the arrays in a larger picture, and the part to render, which alone is returned;
+            default: the arrays are the whole picture.
         lens_response: Aberrations, vignetting and dispersion of the lens; default: a perfect lens.
         viewport: Position in the shown picture of the whole picture, of which a strip may be a part; default:
             all of it is shown.

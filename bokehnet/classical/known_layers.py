@@ -55,10 +55,12 @@ class Layers:
         if not valid:
             self._raise_fault()
 
-    def in_rows(self, first: int, last: int) -> "Layers":
-        """Return the layers of the rows ``first`` to ``last``, exclusive."""
-        rows = slice(first, last)
-        return Layers(colors=self.colors[rows], defocus=self.defocus[rows], coverage=self.coverage[rows])
+    def part(self, rows: slice, columns: slice) -> "Layers":
+        """Return the layers of some rows and columns."""
+        colors, defocus, coverage = (
+            array[rows, columns] for array in (self.colors, self.defocus, self.coverage)
+        )
+        return Layers(colors=colors, defocus=defocus, coverage=coverage)
 
     def with_mapped_colors(
         self, formula: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]

@@ -1,10 +1,9 @@
 """Rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +11,10 @@ from numba import prange
 
 from bokehnet.arrays.fusion import fuse
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.checks import check_same_size
-from bokehnet.classical.base import (
-    MAX_RADIUS_IN_SIDES,
-    ClassicalOptions,
-    ClassicalResult,
-    Strip,
-    check_inputs,
-)
+from bokehnet.classical.base import ClassicalOptions, ClassicalResult
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import Fringes, chromatic_fringes, fringed_scatter
+from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
@@ -45,30 +38,16 @@ from bokehnet.classical.layered.march.resolution_levels import (
 )
 from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.scatter_renderer import scatter_beyond, scatter_inside
+from bokehnet.classical.picture_job import CPU, Device, PictureJob
+from bokehnet.classical.scatter_renderer import scatter_beyond
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["CPU", "Device", "pupil_pattern", "rays", "render_rays"]
+__all__ = ["pupil_pattern", "rays", "render_rays"]
 
-
-class Device(NamedTuple):
-    """Functions that scatter and march on a device.
-
-    Attributes:
-        scatter: Same signature as :func:`bokehnet.classical.scatter_renderer.scatter_inside`.
-        march: Kernel that sends rays, see ``send`` of
-            :func:`bokehnet.classical.layered.march.ray_marching.march`; ``None`` for the kernel on the CPU.
-    """
-
-    scatter: Callable[..., np.ndarray]
-    march: Callable[..., None] | None
-
-
-CPU = Device(scatter_inside, None)
 
 # Rays per pixel where no window of pixels is averaged. Rays through an aberrated lens cost more, and
 # noise-free bundles serve the areas away from depth edges; with dispersion one ray counts as three.
@@ -145,7 +124,7 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    job = _Job(
+    job = PictureJob(
         image=image,
         defocus=defocus,
         aperture=aperture or Aperture(),
@@ -190,41 +169,6 @@ def _stage_progress(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Job:
-    """Picture and options of one render; options as in :class:`ClassicalOptions`."""
-
-    image: np.ndarray
-    defocus: np.ndarray
-    aperture: Aperture
-    lens_response: LensResponse | None = None
-    seed: int = 0
-    layers: Layers | None = None
-    strip: Strip | None = None
-    viewport: Viewport | None = None
-    progress: Callable[[float], None] | None = None
-    pixel_filter: PixelFilter = DEFAULT_FILTER
-    known: KnownSurfaces | None = None
-    rays_factor: float = 1.0
-    device: Device = CPU
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width of the whole picture, of which the arrays may be a strip."""
-        height, width = self.defocus.shape
-        return (height, width) if self.strip is None else self.strip.size(width)
-
-    @property
-    def above(self) -> int:
-        """Rows of the picture above the arrays."""
-        return 0 if self.strip is None else self.strip.first
-
-    @property
-    def picture_viewport(self) -> Viewport:
-        """Position of the whole picture in the shown one."""
-        return self.viewport or Viewport.whole(*self.size)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class _Rays:
     """Rays of a render: pattern in the pupil, lens, and the pixels that they serve.
 
@@ -253,50 +197,42 @@ class _Rays:
     weight: np.ndarray
 
 
-def _render(job: _Job) -> ClassicalResult:
-    job, nearest, farthest = _checked(job)
-    strip = job.strip
-    radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
+def _render(job: PictureJob) -> ClassicalResult:
+    surroundings = job.checked()
+    window = surroundings.reached()
+    job = surroundings if job.strip is None else surroundings.cropped(*window)
+    nearest, farthest = job.nearest_and_farthest()
+    radius = job.largest_radius()
     error_map = geometric_error_map(nearest, boundary_threshold(job.size), farthest=farthest)
     pupil_rays = _make_rays(job, radius, nearest, farthest, error_map)
     del nearest, farthest
     smooth = _scatter_smooth(job, pupil_rays, radius)
     rays_mask = pupil_rays.weight > 0
-    seconds = _seconds(job.defocus.size, int(np.count_nonzero(rays_mask)), radius)
+    if job.strip is not None:  # around the output, the pixels over which the rays of large discs are averaged
+        halo = -(-levels_halo(pupil_rays.reach) // TILE) * TILE
+        rows, columns = job.strip.output(rays_mask.shape[1])
+        for lines, span in ((rays_mask, rows), (rays_mask.T, columns)):
+            lines[: max(0, span.start - halo)] = False
+            lines[span.stop + halo :] = False
+    seconds = _seconds(surroundings.defocus.size, int(np.count_nonzero(rays_mask)), radius)
     report = _stage_progress(job.progress, seconds)
     report(0, 1)
-    if strip is not None:  # keep the halo over which the rays of large discs are averaged
-        halo = -(-levels_halo(pupil_rays.reach) // TILE) * TILE
-        rays_mask[: max(0, strip.output_rows.start - halo)] = False
-        rays_mask[strip.output_rows.stop + halo :] = False
     if rays_mask.any():
-        return _render_layers(job, pupil_rays, smooth, error_map, rays_mask, report)
-    return ClassicalResult(
-        bokeh=smooth,
-        error_map=error_map,
-        occluded_background=np.array(job.image),
-        disocclusion_weight=np.zeros_like(error_map),
-        scatter=smooth,
-    )
-
-
-def _checked(job: _Job) -> tuple[_Job, np.ndarray, np.ndarray]:
-    """Return the job with checked arrays and bounded radii, and its nearest and farthest defocus, (H, W)."""
-    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(job.image, job.defocus))
-    if job.layers is not None:
-        check_same_size("image", image, "layers", job.layers.defocus)
-    largest = MAX_RADIUS_IN_SIDES * max(job.size)
-    defocus = np.clip(defocus, -largest, largest)
-    nearest, farthest, known = defocus, defocus, job.known
-    if known is not None:
-        known.check_within(*defocus.shape)
-        known = known.with_radius_limit(largest)
-        nearest, farthest = known.near_and_far_maps(defocus)
-    return replace(job, image=image, defocus=defocus, known=known), nearest, farthest
+        layers_of = partial(_visible_layers, surroundings, window, pupil_rays)
+        result = _render_layers(job, layers_of, pupil_rays, smooth, error_map, rays_mask, report)
+    else:
+        result = ClassicalResult(
+            bokeh=smooth,
+            error_map=error_map,
+            occluded_background=np.array(job.image),
+            disocclusion_weight=np.zeros_like(error_map),
+            scatter=smooth,
+        )
+    return result if job.strip is None else result.part(*job.strip.output(error_map.shape[1]))
 
 
 def _make_rays(
-    job: _Job, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
+    job: PictureJob, radius: int, nearest: np.ndarray, farthest: np.ndarray, error_map: np.ndarray
 ) -> _Rays:
     """Return the rays of a job whose largest blur radius is ``radius`` pixels."""
     points, weights, chances = pupil_pattern(job.aperture)
@@ -324,7 +260,7 @@ def _make_rays(
     )
 
 
-def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
+def _scatter_smooth(job: PictureJob, pupil_rays: _Rays, radius: int) -> np.ndarray:
     """Return the scatter of the picture, (H, W, 3), with colour fringes if the lens has nothing else."""
     reach = pupil_rays.reach if pupil_rays.fringes is not None else radius
 
@@ -338,35 +274,63 @@ def _scatter_smooth(job: _Job, pupil_rays: _Rays, radius: int) -> np.ndarray:
     return fringed_scatter(scattered, job.defocus, pupil_rays.fringes, pupil_rays.lens.maps, frame, job.above)
 
 
+def _visible_layers(
+    surroundings: PictureJob,
+    window: tuple[slice, slice],
+    pupil_rays: _Rays,
+    rays_mask: np.ndarray,
+    report: Callable[[int, float], None],
+) -> tuple[Layers, np.ndarray, KnownSurfaces | None]:
+    """Return the layers of a window without lights, these, and the pixels that were unmixed.
+
+    Args:
+        surroundings: Job of the window and of what its occluded background depends on.
+        window: Rows and columns of these arrays.
+        pupil_rays: Rays of the render.
+        rays_mask: Pixels of the window that send rays, (h, w).
+        report: Callback that receives the stage and its completed fraction.
+    """
+    faintest = 0.0 if pupil_rays.lens is None else _MIN_LIGHT_BRIGHTNESS
+    if surroundings.layers is not None:
+        limit = light_limit(surroundings.layers.colors[:, :, 0], pupil_rays.reach)[window]
+        return *separate_lights(surroundings.layers.part(*window), faintest=faintest, limit=limit), None
+    sends_rays = np.zeros(surroundings.defocus.shape, np.bool_)
+    sends_rays[window] = rays_mask
+    layers, mixed, limit = split_picture(
+        surroundings.image,
+        surroundings.defocus,
+        pupil_rays.reach,
+        surroundings.pixel_filter,
+        surroundings.known,
+        lambda fraction: report(1, fraction),
+        sends_rays,
+        window,
+    )
+    del sends_rays
+    rest, lights = separate_lights(layers, faintest=faintest, limit=limit, overwrite=True)
+    return rest, lights, to_known_surfaces(mixed)
+
+
 def _render_layers(
-    job: _Job,
+    job: PictureJob,
+    layers_of: Callable[..., tuple[Layers, np.ndarray, KnownSurfaces | None]],
     pupil_rays: _Rays,
     smooth: np.ndarray,
     error_map: np.ndarray,
     rays_mask: np.ndarray,
     report: Callable[[int, float], None],
 ) -> ClassicalResult:
-    """Return the scatter ``smooth`` with the rays through layers in the pixels of ``rays_mask``."""
-    faintest = 0.0 if pupil_rays.lens is None else _MIN_LIGHT_BRIGHTNESS
-    if job.layers is None:
-        stack, mixed = split_picture(
-            job.image,
-            job.defocus,
-            pupil_rays.reach,
-            job.pixel_filter,
-            job.known,
-            lambda fraction: report(1, fraction),
-            rays_mask,
-        )
-    else:
-        stack, mixed = job.layers, None
+    """Return the scatter ``smooth`` with the rays through layers in the pixels of ``rays_mask``.
+
+    ``layers_of`` is :func:`_visible_layers` of the job; it receives ``rays_mask`` and ``report``.
+    """
+    rest, lights, mixed = layers_of(rays_mask, report)
     report(1, 1)
-    rest, lights = separate_lights(stack, pupil_rays.reach, faintest, overwrite=job.layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     levels = None
     if job.layers is None and job.device.march is None:
         levels = make_levels(rest, cells, _sharp_limits_at(job, pupil_rays))
-    del stack, rest  # their coverage and defocus are in the cells
+    del rest  # its coverage and defocus are in the cells
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     within: tuple[Any, ...] = ()
     if pupil_rays.lens is not None and pupil_rays.extents is not None:
@@ -411,12 +375,12 @@ def _render_layers(
         error_map=error_map,
         occluded_background=np.ascontiguousarray(colors[:, :, min(1, colors.shape[2] - 1)]),
         disocclusion_weight=disocclusion_weight,
-        mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
+        mixed_pixels=mixed,
         scatter=smooth,
     )
 
 
-def _sharp_limits_at(job: _Job, pupil_rays: _Rays) -> SharpLimitsAt | None:
+def _sharp_limits_at(job: PictureJob, pupil_rays: _Rays) -> SharpLimitsAt | None:
     """Return the limits of what counts as sharp behind an aberrated lens; None for a perfect one."""
     if pupil_rays.lens is None or pupil_rays.extents is None:
         return None
@@ -431,7 +395,7 @@ def _sharp_limits_at(job: _Job, pupil_rays: _Rays) -> SharpLimitsAt | None:
 
 
 def _lens_at(
-    job: _Job, viewport: Viewport, above: int, shape: tuple[int, int]
+    job: PictureJob, viewport: Viewport, above: int, shape: tuple[int, int]
 ) -> tuple[LensTable, tuple[Any, ...]]:
     """Return the lens of a smaller picture, and its extents as arguments of ``occupied_bins``."""
     assert job.lens_response is not None
@@ -441,7 +405,7 @@ def _lens_at(
 
 
 def _rays_job(
-    job: _Job,
+    job: PictureJob,
     pupil_rays: _Rays,
     colors: np.ndarray,
     cells: np.ndarray,
@@ -477,11 +441,6 @@ def _bundle_smooth_tiles(job: RaysJob, pupil_rays: _Rays, result: np.ndarray) ->
     return render_smooth_tiles(job, pupil_rays.near, pupil_rays.extents, result)
 
 
-def _largest_radius(nearest: np.ndarray, farthest: np.ndarray) -> int:
-    """Return the largest blur radius in pixels, rounded up."""
-    return math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
-
-
 def render_rays(
     image: np.ndarray,
     defocus: np.ndarray,
@@ -490,5 +449,5 @@ def render_rays(
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Render with rays and return the complete result; arguments and errors as for :func:`rays`."""
-    job = _Job(image=image, defocus=defocus, aperture=aperture or Aperture(), device=device, **options)
+    job = PictureJob(image=image, defocus=defocus, aperture=aperture or Aperture(), device=device, **options)
     return _render(job)

@@ -134,34 +134,40 @@ def scatter_beyond(
 ) -> np.ndarray:
     """Scatter a picture that continues beyond its border, see :mod:`bokehnet.arrays.beyond_border`.
 
-    The blur radius of the border is repeated. Where a strip ends inside the picture, only as many rows are
-    added above it as align its blocks with those of the whole picture; they reach no valid row.
+    The blur radius of the border is repeated. Where the arrays end inside the picture, only as many rows are
+    added above them, and columns to the left, as align their blocks with those of the whole picture; they
+    reach no pixel of the output.
 
     Args:
         image: Scene-linear picture, (H, W, 3) float32.
         defocus: Signed blur radius, (H, W) pixels.
         aperture: Shape of the aperture; default: a disc.
         reach: Maximum distance of a pixel's light from it, pixels.
-        strip: Position of these rows in their picture; ``None`` for all rows.
+        strip: Position of the arrays in their picture; ``None`` if they are all of it.
         viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`scatter_inside`.
     """
-    height, width = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    height, width = defocus.shape if strip is None else strip.size(defocus.shape[1])
     reach = min(reach, math.ceil(MAX_CONTINUATION * min(height, width)))
     if reach == 0:
         return scattered(image, defocus, aperture, viewport)
-    above = below = reach
-    if strip is not None and strip.first > 0:
-        above = (reach + strip.first) % ALIGNED
-    if strip is not None and strip.last < height:
-        below = 0
+    above = below = left = right = reach
+    if strip is not None:
+        above, below = _continuation(reach, strip.first, strip.last, height)
+        left, right = _continuation(reach, strip.left, strip.left + defocus.shape[1], width)
     larger = scattered(
-        beyond_border(image, above, below, reach),
-        np.pad(defocus, ((above, below), (reach, reach)), "edge"),
+        beyond_border(image, above, below, left, right),
+        np.pad(defocus, ((above, below), (left, right)), "edge"),
         aperture,
-        replace(viewport, left=viewport.left - reach, top=viewport.top - above),
+        replace(viewport, left=viewport.left - left, top=viewport.top - above),
     )
-    return np.ascontiguousarray(larger[above : above + len(image), reach : reach + width])
+    rows, columns = image.shape[:2]
+    return np.ascontiguousarray(larger[above : above + rows, left : left + columns])
+
+
+def _continuation(reach: int, first: int, last: int, size: int) -> tuple[int, int]:
+    """Return the pixels to add before ``first`` and behind ``last``, of ``size`` pixels along an axis."""
+    return (reach + first) % ALIGNED if first > 0 else reach, 0 if last < size else reach
 
 
 def render_scatter(
@@ -178,8 +184,8 @@ def render_scatter(
     The scatter unmixes no pixels and ignores the pixel filter. Of the lens it supports only the tilt of the
     focus plane, as far as the defocus contains it: discs stay round.
 
-    A strip is rendered like any picture: its valid rows are far enough from its ends. The threshold of the
-    error map is that of the whole picture. Every pixel counts as one surface; ``known`` is ignored.
+    A strip is rendered like any picture: its output is far enough from its ends. The threshold of the error
+    map is that of the whole picture. Every pixel counts as one surface; ``known`` is ignored.
     ``scattered`` replaces :func:`scatter_inside`, for example on another device.
     """
     check_ideal_except_tilt(options.get("lens_response"), "scatter")
@@ -192,4 +198,5 @@ def render_scatter(
     bokeh = scatter_beyond(image, defocus, aperture, radius, strip, viewport, scattered or scatter_inside)
     if progress is not None:
         progress(0.9)
-    return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))
+    result = ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))
+    return result if strip is None else result.part(*strip.output(defocus.shape[1]))

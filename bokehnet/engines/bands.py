@@ -1,22 +1,15 @@
-"""Division of a picture into bands of columns, for discs whose halo fills most of a strip of rows.
+"""Division of the columns of a picture into bands, for discs whose halo fills most of a strip of rows.
 
 A strip of whole rows reads a halo above and below. Where memory allows few rows beside that halo, the layers
-of the halo are most of the work. A band reads fewer columns and has more rows of its own. Bands are copied
-with their halo of columns, rendered in strips of rows, and written back, from left to right.
+of the halo are most of the work. A part of the strip reads fewer columns, and the strip has more rows.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-
-import numpy as np
 
 from bokehnet.classical.base import ALIGNED
 
-__all__ = ["Band", "BandReader", "band_bytes", "even_bands", "widest_band"]
-
-# Bytes per pixel of the copy of a band: light and defocus.
-_COPY_BYTES = 16
+__all__ = ["Band", "even_bands", "widest_band"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,37 +52,3 @@ def even_bands(width: int, halo: int, count: int) -> list[Band]:
 def widest_band(bands: Sequence[Band]) -> int:
     """Return the number of columns of the widest band, halo included."""
     return max(band.last - band.first for band in bands)
-
-
-def band_bytes(height: int, bands: Sequence[Band]) -> int:
-    """Return the memory of the copy of the widest band, and of the columns kept for the next one, bytes."""
-    if len(bands) < 2:
-        return 0
-    kept = max(band.stop - after.first for band, after in pairwise(bands))
-    return _COPY_BYTES * height * (widest_band(bands) + kept)
-
-
-class BandReader:
-    """Copies of bands from arrays whose own columns are overwritten by results, from left to right.
-
-    Args:
-        arrays: Arrays of the picture, (H, W, ...).
-        bands: Bands, from left to right.
-    """
-
-    def __init__(self, arrays: list[np.ndarray], bands: Sequence[Band]) -> None:
-        self._arrays, self._bands = arrays, bands
-        self._kept = [array[:, :0] for array in arrays]
-
-    def read(self, index: int) -> list[np.ndarray]:
-        """Return the contiguous pixels of a band, (H, columns, ...), one array each; call once, in order."""
-        band, copies = self._bands[index], []
-        for number, array in enumerate(self._arrays):
-            kept = self._kept[number]
-            rest = array[:, band.first + kept.shape[1] : band.last]
-            copy = np.concatenate([kept, rest], axis=1)
-            if index + 1 < len(self._bands):
-                after = self._bands[index + 1]
-                self._kept[number] = copy[:, after.first - band.first : band.stop - band.first].copy()
-            copies.append(copy)
-        return copies

@@ -16,7 +16,6 @@ from bokehnet.checks import check_choice, check_kind, check_same_size
 from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.engine_registry import CLASSICAL, ENGINES
-from bokehnet.engines.bands import Band, BandReader, band_bytes, widest_band
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
     MAX_NETWORK_PIXELS,
@@ -28,14 +27,7 @@ from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
 from bokehnet.engines.job import EngineResult, Job, Lens, NetworkInputs
 from bokehnet.engines.options import RenderOptions, with_option_keywords
-from bokehnet.engines.strips import (
-    StripAccumulator,
-    cut_bands,
-    cut_strips,
-    memory_error,
-    min_strip_bytes,
-    working_memory,
-)
+from bokehnet.engines.strips import StripAccumulator, cut, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.onnx_session import CPU
@@ -209,7 +201,7 @@ class Engine:
         memory_in_use = options.memory_in_use
         if options.overwrite and defocus.flags.writeable and self._reads_defocus_again:
             memory_in_use += defocus.nbytes  # the error map cannot replace it
-        bands, strips = self._cut(defocus, lens, options.max_memory, memory_in_use, options.expected_error)
+        strips = self._cut(defocus, lens, options.max_memory, memory_in_use, options.expected_error)
         largest = _max_coc_radius(defocus, lens.known)  # before defocus is overwritten
         available = None if options.max_memory is None else options.max_memory - memory_in_use
         network_inputs = self._make_network_inputs(defocus.shape, largest, available, options.expected_error)
@@ -221,12 +213,7 @@ class Engine:
             report=progress or ignore_progress,
             network_inputs=network_inputs,
         )
-        if len(bands) > 1:
-            result = self._render_bands(job, bands, strips, options.overwrite)
-        elif len(strips) > 1:
-            result = self._render_strips(job, strips, options.overwrite)
-        else:
-            result = self._render_whole(job)
+        result = self._render_strips(job, strips, options.overwrite) if strips else self._render_whole(job)
         estimate = network_inputs.estimate
         error_estimate = None if estimate is None else estimate.estimate()
         return replace(result, largest_blur=largest, expected_error=error_estimate)
@@ -265,11 +252,6 @@ class Engine:
         return NetworkInputs(coarse, estimate)
 
     @property
-    def _can_use_bands(self) -> bool:
-        """True if no network needs whole rows, and rays cost more than copies of bands."""
-        return self._networks is None and CLASSICAL[self.classical_name].traces_rays
-
-    @property
     def _reads_defocus_again(self) -> bool:
         """True if the networks read the defocus after the classical half."""
         return self._networks is not None and self._networks.leaves_outlines
@@ -281,17 +263,14 @@ class Engine:
         memory: int | None,
         memory_in_use: int,
         expected_error: bool,
-    ) -> tuple[list[Band], list[Strip | None]]:
-        """Return bands and the strips of each within ``memory - memory_in_use`` bytes.
-
-        No bands, and ``[None]`` for strips, stand for the whole picture.
-        """
+    ) -> list[list[Strip]]:
+        """Return strips in bands within ``memory - memory_in_use`` bytes; none for the whole picture."""
         if self.name in BASELINES:
             if memory is not None:
                 raise ParameterError(
                     "max_memory", f"None, because {self.name} needs the whole picture", memory
                 )
-            return [], [None]
+            return []
         is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
@@ -301,31 +280,32 @@ class Engine:
         if self.classical_name == "rays":  # raises for an impossible tilt
             max_ray_reach = ray_reach(lens.lens_response, lens.viewport, max_coc_radius)
         if memory is None and is_indivisible:
-            return [], [None]
-        reach = max(max_coc_radius, max_ray_reach or 0)
+            return []
         if memory is None:
+            reach = max(max_coc_radius, max_ray_reach or 0)
             memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
             if memory is None:
-                return [], [None]
-        bands, widest = [], width
-        if self._can_use_bands and not expected_error and lens.layers is None:
-            minimum = min_strip_bytes(height, width, reach, self.classical_name, bands=True)
-            if memory - memory_in_use < minimum:
-                raise memory_error(minimum, memory, memory_in_use, width, max_coc_radius)
-            bands = cut_bands(height, width, reach, self.classical_name, memory - memory_in_use)
-            widest, memory_in_use = widest_band(bands), memory_in_use + band_bytes(height, bands)
-        strips: list[Strip | None] = [
-            replace(strip, width=width)
-            for strip in cut_strips(
-                height, widest, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach
+                return []
+        # No network may need whole rows, and rays must cost more than copies of bands.
+        bands = self._networks is None and CLASSICAL[self.classical_name].traces_rays
+        strips = [
+            *cut(
+                height,
+                width,
+                max_coc_radius,
+                self.classical_name,
+                memory,
+                memory_in_use,
+                max_ray_reach,
+                bands=bands and not expected_error and lens.layers is None,
             )
         ]
-        if len(strips) <= 1 and len(bands) < 2:
-            return [], [None]
+        if len(strips) == len(strips[0]) == 1:
+            return []
         if self._networks is not None and self._networks.iunet is not None:
             expected = "None, because these networks need the whole picture at once"
             raise ParameterError("max_memory", expected, memory, "leave it out")
-        return bands, strips
+        return strips
 
     def _render_whole(self, job: Job) -> EngineResult:
         image, defocus, report = job.image, job.defocus, job.report
@@ -360,8 +340,8 @@ class Engine:
             mixed_pixels=classical.mixed_pixels,
         )
 
-    def _render_strips(self, job: Job, strips: Sequence[Strip | None], overwrite: bool) -> EngineResult:
-        """Render strip by strip; then, with a network, correct strip by strip."""
+    def _render_strips(self, job: Job, strips: Sequence[Sequence[Strip]], overwrite: bool) -> EngineResult:
+        """Render strip by strip, each in bands; then, with a network, correct strip by strip."""
         image, defocus, report, network_inputs = job.image, job.defocus, job.report, job.network_inputs
         networks = self._networks
         results = [
@@ -371,24 +351,22 @@ class Engine:
         bokeh, error_map = (result.array for result in results)
         height, mixed = len(defocus), []
         steps = _STEPS * (len(strips) + (networks is not None))
-        for index, strip in enumerate(strips):
-            assert strip is not None
-            report(_STEPS * index, steps)
+        for index, bands in enumerate(strips):
 
             def report_strip(fraction: float, index: int = index) -> None:
                 report(int(_STEPS * (index + fraction)), steps)
 
-            strip_result = self._render_classical(job, strip, report_strip)
-            first, output_rows = strip.first + strip.output_rows.start, strip.output_rows
-            output = strip_result.rows(output_rows)
+            report_strip(0.0)
+            output = self._render_bands(job, bands, report_strip)
+            first = bands[0].first + bands[0].output_rows.start
             inner = slice(first, first + len(output.bokeh))
             if output.mixed_pixels is not None:
                 mixed.append(output.mixed_pixels.below(first))
             network_inputs.add(first, image[inner], defocus[inner], output)
-            next_strip = strips[index + 1] if index + 1 < len(strips) else None
+            next_first = height if index + 1 == len(strips) else strips[index + 1][0].first
             for result, array in zip(results, (output.bokeh, output.error_map), strict=True):
-                result.add(first, array, height if next_strip is None else next_strip.first)
-            del strip_result, output, array  # frees their memory for the next strip
+                result.add(first, array, next_first)
+            del output, array  # frees their memory for the next strip
         if networks is not None and network_inputs.coarse is not None:
             report(_STEPS * len(strips), steps)
             correction = network_inputs.coarse.correct(networks)
@@ -406,44 +384,28 @@ class Engine:
         )
 
     def _render_bands(
-        self, job: Job, bands: Sequence[Band], strips: Sequence[Strip | None], overwrite: bool
-    ) -> EngineResult:
-        """Render band by band, each in strips; without networks."""
-        image, defocus, lens = job.image, job.defocus, job.lens
-        outputs = [
-            array if overwrite and array.flags.writeable else np.empty_like(array)
-            for array in (image, defocus)
-        ]
-        reader, mixed = BandReader([image, defocus], bands), []
+        self, job: Job, bands: Sequence[Strip], progress: Callable[[float], None]
+    ) -> ClassicalResult:
+        """Render a strip band by band, without networks."""
+        if len(bands) == 1:
+            return self._render_classical(job, bands[0], progress)
+        rows, width = bands[0].output_rows, job.defocus.shape[1]
+        shape = (rows.stop - rows.start, width)
+        bokeh, error_map = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
+        mixed = []
         for index, band in enumerate(bands):
-            light, radii = reader.read(index)
 
-            def report(done: int, steps: int, index: int = index) -> None:
-                job.report(int(_STEPS * (index + done / steps)), _STEPS * len(bands))
+            def report(fraction: float, index: int = index) -> None:
+                progress((index + fraction) / len(bands))
 
-            known = lens.known and lens.known.in_columns(band.first, band.last, -band.first)
-            viewport = replace(lens.viewport, left=lens.viewport.left + band.first)
-            part = replace(
-                job,
-                image=light,
-                defocus=radii,
-                lens=replace(lens, viewport=viewport, known=known),
-                report=report,
-            )
-            result = self._render_strips(part, strips, overwrite=True)
-            own = slice(band.start - band.first, band.stop - band.first)
-            for output, array in zip(outputs, (result.bokeh, result.error_map), strict=True):
-                output[:, band.start : band.stop] = array[:, own]
+            result = self._render_classical(job, band, report)
+            left = band.left + band.output(width)[1].start
+            columns = slice(left, left + result.error_map.shape[1])
+            bokeh[:, columns], error_map[:, columns] = result.bokeh, result.error_map
             if result.mixed_pixels is not None:
-                mixed.append(result.mixed_pixels.in_columns(own.start, own.stop, band.first))
-        bokeh, error_map = outputs
-        return EngineResult(
-            bokeh=bokeh,
-            classical=bokeh,
-            neural=None,
-            error_map=error_map,
-            mixed_pixels=concatenate_surfaces(mixed),
-        )
+                mixed.append(result.mixed_pixels.in_columns(0, width, left))
+            del result
+        return ClassicalResult(bokeh=bokeh, error_map=error_map, mixed_pixels=concatenate_surfaces(mixed))
 
     def _render_classical(
         self,
@@ -453,11 +415,14 @@ class Engine:
     ) -> ClassicalResult:
         """Render a strip, or the whole picture, without networks."""
         image, defocus, lens, curve = job.image, job.defocus, job.lens, job.curve
-        known, layers = lens.known, lens.layers
+        known, layers, viewport = lens.known, lens.layers, lens.viewport
         if strip is not None:
-            image, defocus = image[strip.first : strip.last], defocus[strip.first : strip.last]
-            known = known and known.in_rows(strip.first, strip.last)
-            layers = layers and layers.in_rows(strip.first, strip.last)
+            rows, columns = slice(strip.first, strip.last), strip.columns(image.shape[1])
+            image, defocus = (np.ascontiguousarray(array[rows, columns]) for array in (image, defocus))
+            known = known and known.in_rows(rows.start, rows.stop)
+            known = known and known.in_columns(columns.start, columns.stop, -columns.start)
+            layers = layers and layers.part(rows, columns)
+            viewport = replace(viewport, left=viewport.left + columns.start)
         renderer = self._classical
         if self._lens_fallback is not None and not lens.lens_response.is_ideal:
             renderer = self._lens_fallback
@@ -465,7 +430,7 @@ class Engine:
             renderer,
             strip=strip,
             lens_response=lens.lens_response,
-            viewport=lens.viewport,
+            viewport=viewport,
             progress=progress,
             pixel_filter=lens.pixel_filter,
             rays_factor=lens.rays_factor,

@@ -1,25 +1,26 @@
-"""Division of a picture into strips of rows, and these into bands, rendered in turn, which bounds the memory.
+"""Division of a picture into strips of rows, and these into bands of columns, which bounds the memory.
 
-A strip of whole rows reads a halo above and below. Where memory allows few rows beside that halo, its layers
-are most of the work: bands of columns have more rows of their own (:mod:`bokehnet.engines.bands`).
+A strip reads a halo above and below, and a band to the left and right: what rays reach, and around it what
+the background estimated there depends on.
 """
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from bokehnet.classical.base import ALIGNED, Strip
-from bokehnet.classical.layered.march.resolution_levels import layers_halo
+from bokehnet.classical.picture_job import output_halo
 from bokehnet.engine_registry import CLASSICAL
-from bokehnet.engines.bands import Band, band_bytes, even_bands, widest_band
+from bokehnet.engines.bands import Band, even_bands
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut_bands", "cut_strips", "memory_error", "min_strip_bytes", "working_memory"]
+__all__ = ["StripAccumulator", "cut", "memory_error", "min_strip_bytes", "strip_bytes", "working_memory"]
 
-# Minimum halo of a strip, rows, for the averaging windows of pixels; very large discs need more.
-_MIN_HALO_ROWS = 32
+# Halo of a strip without rays beyond the reach of light, pixels.
+_MIN_HALO_PX = 32
 
 # Memory of a strip without a user limit, bytes; the first efficient one is used: less is faster because it is
 # reused, but with large discs most of it would be halo.
@@ -31,20 +32,83 @@ _EFFICIENT_FRACTION = 0.5
 # Minimum ratio of a strip's own rows to its halo for such strips to be efficient.
 _MIN_ROWS_PER_HALO = 6
 
-
-def _aligned(row: int) -> int:
-    return row // ALIGNED * ALIGNED
-
-
-def _halo(height: int, reach: int, classical: str) -> int:
-    spec = CLASSICAL[classical]
-    margin = layers_halo(reach) if spec.traces_rays else 0
-    return spec.strip_halo * min(reach, height) + max(_MIN_HALO_ROWS, margin)
+# Bytes per pixel of the results of a strip: light and error map.
+_OUTPUT_BYTES = 16
 
 
-def _min_rows(height: int, reach: int, classical: str) -> int:
-    """Return the rows of the narrowest strip, halo included, in a picture of this height."""
-    return min(height, 2 * _halo(height, reach, classical) + 2 * ALIGNED)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Halos:
+    """Pixels around the output on either side: those that rays reach, and all that are read."""
+
+    reached: int
+    read: int
+
+
+def _halos(height: int, reach: int, classical: str) -> _Halos:
+    if not CLASSICAL[classical].traces_rays:
+        halo = min(reach, height) + _MIN_HALO_PX
+        return _Halos(reached=halo, read=halo)
+    reached = output_halo(reach)
+    return _Halos(reached=reached, read=reached + min(reach, height))
+
+
+def _pixels(size: tuple[int, int], own: tuple[int, int], halo: int) -> int:
+    """Return the pixels within a halo of ``own`` rows and columns of a picture, at most."""
+    rows, columns = (
+        min(side, part if part >= side else part + 2 * halo + ALIGNED)
+        for side, part in zip(size, own, strict=True)
+    )
+    return rows * columns
+
+
+def strip_bytes(
+    size: tuple[int, int], own: tuple[int, int], reach: int, classical: str, *, bands: bool = False
+) -> int:
+    """Return the peak memory of a strip beyond input and output, bytes.
+
+    Args:
+        size: Height and width of the picture, pixels.
+        own: Rows and columns of the strip, or of one band of it, without halo.
+        reach: Maximum distance of light or rays from their pixel, pixels.
+        classical: Name of the classical renderer.
+        bands: True if the strip is rendered in several bands, whose results are kept until no later strip
+            reads there.
+    """
+    spec, (height, width) = CLASSICAL[classical], size
+    halos = _halos(height, reach, classical)
+    if classical == "scatter":  # its largest arrays continue beyond both borders
+        beyond = 2 * min(reach, -(-min(height, width) // 2))
+        size, own = (height, width + beyond), (own[0], own[1] + beyond)
+    reached, read = (_pixels(size, own, halo) for halo in (halos.reached, halos.read))
+    kept = _OUTPUT_BYTES * width * min(height, own[0] + 2 * halos.read) if bands else 0
+    return spec.bytes_per_pixel * reached + spec.halo_bytes_per_pixel * read + kept
+
+
+def _own_rows(size: tuple[int, int], bands: list[Band], reach: int, classical: str, memory: int) -> int:
+    """Return the maximum rows of a strip without halo, a multiple of ``ALIGNED`` or all; 0 if none fit."""
+    height, own_columns = size[0], max(band.stop - band.start for band in bands)
+    several = len(bands) > 1
+
+    def fits(rows: int) -> bool:
+        return strip_bytes(size, (rows, own_columns), reach, classical, bands=several) <= memory
+
+    if fits(height):
+        return height
+    low, high = 0, -(-height // ALIGNED)  # in units of ALIGNED: the lower one fits
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if fits(middle * ALIGNED) else (low, middle)
+    return low * ALIGNED
+
+
+def _own_fraction(size: tuple[int, int], bands: list[Band], rows: int, halo: int) -> float:
+    """Return the fraction of the pixels that strips of ``rows`` rows in bands read which are their own."""
+    if not rows:
+        return 0.0
+    height, width = size
+    read_rows = rows if rows >= height else min(height, rows + 2 * halo)
+    read_columns = sum(band.last - band.first for band in bands)
+    return rows * width / (read_rows * read_columns)
 
 
 def working_memory(height: int, width: int, reach: int, classical: str) -> int | None:
@@ -58,48 +122,31 @@ def working_memory(height: int, width: int, reach: int, classical: str) -> int |
         reach: Maximum distance of rays from their pixel, pixels.
         classical: Name of the classical renderer.
     """
-    halo = _halo(height, reach, classical)
+    halo = _halos(height, reach, classical).read
     for memory in _WORKING_MEMORY_BYTES:
-        max_rows = memory // (CLASSICAL[classical].bytes_per_pixel * width)
-        if max_rows >= height:
+        rows = _own_rows((height, width), even_bands(width, halo, 1), reach, classical, memory)
+        if rows >= height:
             return None
-        if max_rows - 2 * halo - ALIGNED >= _MIN_ROWS_PER_HALO * halo:
+        if rows >= _MIN_ROWS_PER_HALO * halo:
             return memory
     return None
 
 
-def _own_fraction(height: int, bands: list[Band], halo: int, classical: str, memory: int) -> float:
-    """Return the fraction of the pixels read by strips of bands that are their own; 0 if memory is short."""
-    widest = widest_band(bands)
-    rows = (memory - band_bytes(height, bands)) // (CLASSICAL[classical].bytes_per_pixel * widest)
-    own_rows = height if rows >= height else rows - 2 * halo - ALIGNED
-    if own_rows < ALIGNED:
-        return 0.0
-    read = sum(band.last - band.first for band in bands)
-    return own_rows / min(rows, height) * bands[-1].stop / read
-
-
-def cut_bands(height: int, width: int, reach: int, classical: str, memory: int) -> list[Band]:
-    """Divide the columns of a picture into bands; one band where strips of whole rows are efficient.
-
-    Args:
-        height: Height of the picture, pixels.
-        width: Width of the picture, pixels.
-        reach: Maximum distance of rays from their pixel, pixels.
-        classical: Name of the classical renderer.
-        memory: Memory for strips and copies of bands, bytes.
-    """
-    halo = _halo(height, reach, classical)
-    best = even_bands(width, halo, 1)
-    fraction = _own_fraction(height, best, halo, classical, memory)
-    if fraction >= _EFFICIENT_FRACTION or not CLASSICAL[classical].traces_rays:
-        return best
-    for count in range(2, _max_count(width, halo) + 1):
-        bands = even_bands(width, halo, count)
-        other = _own_fraction(height, bands, halo, classical, memory)
+def _cut_bands(size: tuple[int, int], reach: int, classical: str, memory: int) -> tuple[list[Band], int]:
+    """Return the bands of a picture, one where strips of whole rows are efficient, and the rows of strips."""
+    halo = _halos(size[0], reach, classical).read
+    best = even_bands(size[1], halo, 1)
+    rows = _own_rows(size, best, reach, classical, memory)
+    fraction = _own_fraction(size, best, rows, halo)
+    if fraction >= _EFFICIENT_FRACTION:
+        return best, rows
+    for count in range(2, _max_count(size[1], halo) + 1):
+        bands = even_bands(size[1], halo, count)
+        other_rows = _own_rows(size, bands, reach, classical, memory)
+        other = _own_fraction(size, bands, other_rows, halo)
         if other > fraction:
-            best, fraction = bands, other
-    return best
+            best, rows, fraction = bands, other_rows, other
+    return best, rows
 
 
 def _max_count(width: int, halo: int) -> int:
@@ -120,14 +167,14 @@ def min_strip_bytes(height: int, width: int, reach: int, classical: str, bands: 
         classical: Name of the classical renderer.
         bands: True if the picture may be rendered in bands.
     """
-    per_pixel, halo = CLASSICAL[classical].bytes_per_pixel, _halo(height, reach, classical)
-    minimum = _min_rows(height, reach, classical) * width * per_pixel
-    if not bands or not CLASSICAL[classical].traces_rays:
+    size, halo = (height, width), _halos(height, reach, classical).read
+    minimum = strip_bytes(size, (ALIGNED, width), reach, classical)
+    if not bands:
         return minimum
-    rows = min(height, 3 * halo + 2 * ALIGNED)
+    rows = -(-halo // ALIGNED) * ALIGNED
     for count in range(2, _max_count(width, halo) + 1):
-        columns = even_bands(width, halo, count)
-        minimum = min(minimum, band_bytes(height, columns) + rows * widest_band(columns) * per_pixel)
+        own = max(band.stop - band.start for band in even_bands(width, halo, count))
+        minimum = min(minimum, strip_bytes(size, (rows, own), reach, classical, bands=True))
     return minimum
 
 
@@ -145,7 +192,7 @@ def memory_error(
     )
 
 
-def cut_strips(
+def cut(
     height: int,
     width: int,
     max_coc_radius: int,
@@ -153,8 +200,10 @@ def cut_strips(
     memory: int,
     memory_in_use: int = 0,
     max_ray_reach: int | None = None,
-) -> Iterator[Strip]:
-    """Divide a picture into strips, from top to bottom.
+    *,
+    bands: bool = False,
+) -> Iterator[list[Strip]]:
+    """Divide a picture into strips, from top to bottom, and each into bands, from left to right.
 
     Args:
         height: Height of the picture, pixels.
@@ -165,31 +214,40 @@ def cut_strips(
         memory_in_use: Memory that is already in use, bytes.
         max_ray_reach: Maximum distance of rays from their pixel, if a lens sends them beyond
             ``max_coc_radius``, pixels.
+        bands: True to divide strips into bands where strips of whole rows are mostly halo.
 
     Raises:
         ParameterError: The narrowest strip exceeds the memory.
     """
-    reach, shown_width = max(max_coc_radius, max_ray_reach or 0), width
-    halo = _halo(height, reach, classical)
-    if classical == "scatter":  # its largest arrays continue beyond both borders
-        width += 2 * min(reach, -(-min(height, width) // 2))
-    max_rows = max(0, memory - memory_in_use) // (CLASSICAL[classical].bytes_per_pixel * width)
-    bounds = _strip_bounds(height, halo, max_rows)
-    if bounds is None:
-        min_bytes = min_strip_bytes(height, width, reach, classical, bands=False)
-        raise memory_error(min_bytes, memory, memory_in_use, shown_width, max_coc_radius)
-    for top, bottom in pairwise(bounds):
-        first = _aligned(max(0, top - halo))
-        yield Strip(
-            first=first,
-            last=min(height, bottom + halo),
-            height=height,
-            max_coc_radius=max_coc_radius,
-            output_rows=slice(top - first, bottom - first),
-        )
+    reach, size, available = max(max_coc_radius, max_ray_reach or 0), (height, width), memory - memory_in_use
+    halo = _halos(height, reach, classical).read
+    min_bytes = min_strip_bytes(height, width, reach, classical, bands)
+    columns = even_bands(width, halo, 1)
+    rows = _own_rows(size, columns, reach, classical, available)
+    if rows < height and available < min_bytes:
+        raise memory_error(min_bytes, memory, memory_in_use, width, max_coc_radius)
+    if bands:
+        columns, rows = _cut_bands(size, reach, classical, available)
+    for top, bottom in pairwise(_strip_bounds(height, halo, rows)):
+        first = max(0, top - halo) // ALIGNED * ALIGNED
+        yield [
+            Strip(
+                first=first,
+                last=min(height, bottom + halo),
+                height=height,
+                max_coc_radius=max_coc_radius,
+                max_ray_reach=reach,
+                output_rows=slice(top - first, bottom - first),
+                left=band.first,
+                right=band.last,
+                width=width,
+                output_columns=slice(band.start - band.first, band.stop - band.first),
+            )
+            for band in columns
+        ]
 
 
-def _strip_bounds(height: int, halo: int, max_rows: int) -> list[int] | None:
+def _strip_bounds(height: int, halo: int, max_rows: int) -> list[int]:
     """Return the first row of each strip and the height, so that all strips read about equally many rows.
 
     The first and the last strip have one halo only. All bounds but the last are multiples of ``ALIGNED``.
@@ -197,23 +255,17 @@ def _strip_bounds(height: int, halo: int, max_rows: int) -> list[int] | None:
     Args:
         height: Height of the picture, pixels.
         halo: Rows that a strip reads beyond its own on either side.
-        max_rows: Maximum number of rows that a strip may read.
-
-    Returns:
-        Bounds; ``None`` if the narrowest strip reads more than ``max_rows``.
+        max_rows: Maximum number of rows of a strip without halo, a multiple of ``ALIGNED`` or the height.
     """
     if max_rows >= height:
         return [0, height]
-    inner, first = _aligned(max_rows - 2 * halo - ALIGNED), _aligned(max_rows - halo)
-    if inner < ALIGNED:
-        return None
-    last = max_rows - halo - ALIGNED
-    count = 2 + max(0, -(-(height - first - last) // inner))
+    outer = max_rows + halo // ALIGNED * ALIGNED  # of the first strip and the last
+    count = 2 + max(0, -(-(height - 2 * outer) // max_rows))
     rows = (height + 2 * halo * (count - 1)) / count  # with halos
     bounds = [0]
-    while height - max(0, _aligned(bounds[-1] - halo)) > max_rows:
-        own, limit = (rows - halo, first) if len(bounds) == 1 else (rows - 2 * halo, inner)
-        bounds.append(bounds[-1] + min(max(ALIGNED, _aligned(math.ceil(own) + ALIGNED - 1)), limit))
+    while height - bounds[-1] > outer:
+        own, limit = (rows - halo, outer) if len(bounds) == 1 else (rows - 2 * halo, max_rows)
+        bounds.append(bounds[-1] + min(max(ALIGNED, -(-math.ceil(own) // ALIGNED) * ALIGNED), limit))
     return [*bounds, height]
 
 

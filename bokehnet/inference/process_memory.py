@@ -3,12 +3,21 @@
 import ctypes
 import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["keep_freed_memory", "keeps_freed_memory", "release_freed_memory", "resident_bytes"]
+__all__ = [
+    "freed_memory_kept",
+    "keep_freed_memory",
+    "keeps_freed_memory",
+    "release_freed_memory",
+    "resident_bytes",
+]
 
-# Constants of glibc's malloc.h.
+# Constants of glibc's malloc.h, and the maximum that glibc itself chooses for both, bytes.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_USUAL_THRESHOLD = 32 * 2**20
 
 # Maximum size of one freed array, and of all free memory at the end of the heap, to keep, bytes.
 _MAX_KEPT_ARRAY_BYTES, _MAX_KEPT_BYTES = 10**9, 2 * 10**9
@@ -35,6 +44,24 @@ def keep_freed_memory() -> None:
     _keeps = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "mallopt")
     _call_libc("mallopt", _MMAP_THRESHOLD, _MAX_KEPT_ARRAY_BYTES)
     _call_libc("mallopt", _TRIM_THRESHOLD, _MAX_KEPT_BYTES)
+
+
+@contextmanager
+def freed_memory_kept() -> Iterator[None]:
+    """Keep freed memory inside the block as :func:`keep_freed_memory`; return it before and after."""
+    global _keeps
+    if _keeps:
+        yield
+        return
+    release_freed_memory()
+    keep_freed_memory()
+    try:
+        yield
+    finally:
+        _keeps = False
+        _call_libc("mallopt", _MMAP_THRESHOLD, _USUAL_THRESHOLD)
+        _call_libc("mallopt", _TRIM_THRESHOLD, _USUAL_THRESHOLD)
+        release_freed_memory()
 
 
 def keeps_freed_memory() -> bool:

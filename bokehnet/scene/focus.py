@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.checks import check_rank
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
@@ -107,11 +108,9 @@ class FocusedLens:
         Raises:
             LensError: The lens cannot focus there.
         """
-        near = self._focused(disparity, self.near)
-        if self.near == self.far:
-            return near
-        defocus: Array = defocus_outside_range(near, self._focused(disparity, self.far))
-        return defocus
+        if self.plane is None and not any(self.tilt_gradient) and isinstance(disparity, np.ndarray):
+            return in_row_blocks(self._outside_range, disparity)  # does not depend on the place
+        return self._outside_range(disparity)
 
     def aberration_map(self) -> AberrationMap | None:
         """Return the effect of a tilted plane of focus on the rays; None without tilt."""
@@ -142,6 +141,14 @@ class FocusedLens:
             distance=blur * pitch / lens.pupil_radius,
             size=(self.window.display_width, self.window.display_height),
         )
+
+    def _outside_range(self, disparity: Array) -> Array:
+        """Return the defocus of all rows of a picture, or of any if it does not depend on the place."""
+        near = self._focused(disparity, self.near)
+        if self.near == self.far:
+            return near
+        defocus: Array = defocus_outside_range(near, self._focused(disparity, self.far))
+        return defocus
 
     def _focused(self, disparity: Array, focus: float) -> Array:
         """Return the defocus with the focus at one disparity."""

@@ -10,8 +10,8 @@ import torch
 
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import render_scatter
-from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.options import RenderOptions
+from bokehnet.engines.strips import strip_bytes
 from bokehnet.errors import ParameterError
 from bokehnet.inference.coarse_to_fine import render_neural
 from bokehnet.models.arnet import ARNet, ARNetConfig
@@ -104,8 +104,7 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     assert np.abs(expected - classical)[error_map > 0].mean() > 0.01
     renderer = BokehRenderer("fast", weights=weights)
     calls: list[tuple[int, int]] = []
-    continued = image.shape[1] + 2 * min(int(radius), image.shape[1] // 2 + 1)  # beyond both borders
-    memory = 500 * continued * CLASSICAL["scatter"].bytes_per_pixel
+    memory = strip_bytes((701, 67), (256, 67), int(radius), "scatter")
     whole = renderer.render_arrays(image, defocus)
     strips = renderer.render_arrays(
         image, defocus, lambda *call: calls.append(call), options=RenderOptions(max_memory=memory)

@@ -4,7 +4,8 @@ from functools import partial
 
 from bokehnet.classical.base import ClassicalRenderer
 from bokehnet.classical.cuda.march import CudaMarch
-from bokehnet.classical.rays_renderer import Device, render_rays
+from bokehnet.classical.picture_job import Device
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.classical.torch.device_scatter import scatter_on
 

@@ -68,7 +68,12 @@ def _find_lights(colors, depths, coverage, limit, mask):
 
 
 def separate_lights(
-    layers: Layers, max_coc_radius: int | None = None, faintest: float = 0.0, *, overwrite: bool = False
+    layers: Layers,
+    max_coc_radius: int | None = None,
+    faintest: float = 0.0,
+    *,
+    limit: np.ndarray | None = None,
+    overwrite: bool = False,
 ) -> tuple[Layers, np.ndarray]:
     """Separate layers into lights and the rest.
 
@@ -83,6 +88,8 @@ def separate_lights(
             radius.
         faintest: Energy, per pixel of blur radius, of each merged light that stays in the picture. The noise
             that rays add when they hit a light by chance grows with that ratio.
+        limit: Brightness above which a pixel is a light, (H, W); default: from the first layer and
+            ``max_coc_radius``.
         overwrite: True if the lights may be subtracted from the colors of ``layers`` itself.
 
     Returns:
@@ -91,9 +98,10 @@ def separate_lights(
         their energy, their centre and their variance along either axis; for one pixel it is 1 wide and high.
         If more than a twentieth of the pixels are lights, the limit is raised until they are not.
     """
-    if max_coc_radius is None:
-        max_coc_radius = math.ceil(float(np.abs(layers.defocus).max()))
-    limit = light_limit(layers.colors[:, :, 0], max_coc_radius)
+    if limit is None:
+        if max_coc_radius is None:
+            max_coc_radius = math.ceil(float(np.abs(layers.defocus).max()))
+        limit = light_limit(layers.colors[:, :, 0], max_coc_radius)
     masks = np.empty((layers.defocus.shape[2], *limit.shape), np.bool_)
     with parallel_region:
         _find_lights(layers.colors, layers.defocus, layers.coverage, limit, masks)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["Layers", "split_layers", "split_picture"]
+__all__ = ["Layers", "SplitPicture", "split_layers", "split_picture"]
 
 # Completed fraction of the work after unmixing and after the background is filled, for a progress bar only.
 _UNMIXED_FRACTION, _FILLED_FRACTION = 0.2, 0.6
@@ -53,27 +53,34 @@ def _remove_shallow_layer(defocus, behind, beyond):
 
 
 @njit(cache=True, parallel=True)
-def _write_layer(color, defocus, layer, colors, depths, coverage):
-    """Write one opaque layer, nowhere in front of the previous one, to (H, W, L, ...)."""
-    height, width = defocus.shape
+def _write_layer(color, defocus, top, left, layer, colors, depths, coverage):
+    """Write the window of one opaque layer from row ``top`` and column ``left`` on to (h, w, L, ...).
+
+    It is nowhere in front of the previous one.
+    """
+    height, width = depths.shape[:2]
     for y in prange(height):
         for x in range(width):
             for c in range(3):
-                colors[y, x, layer, c] = color[y, x, c]
-            depths[y, x, layer] = defocus[y, x]
+                colors[y, x, layer, c] = color[top + y, left + x, c]
+            depths[y, x, layer] = defocus[top + y, left + x]
             if layer > 0:
-                depths[y, x, layer] = min(defocus[y, x], depths[y, x, layer - 1])
+                depths[y, x, layer] = min(depths[y, x, layer], depths[y, x, layer - 1])
             coverage[y, x, layer] = 1.0
 
 
-@njit(cache=True, parallel=True)
-def _insert_fronts(rows, columns, front, front_coverage, colors, coverage):
-    """Write color and coverage of the nearer surface of mixed pixels to (H, W, L, ...) in place."""
-    for i in prange(len(rows)):
-        y, x = rows[i], columns[i]
-        coverage[y, x, 0] = front_coverage[i]
-        for c in range(3):
-            colors[y, x, 0, c] = front[i, c]
+class SplitPicture(NamedTuple):
+    """Layers of a window of a picture.
+
+    Attributes:
+        layers: Layers, (h, w, L, ...).
+        mixed: Mixed pixels of the window with their surfaces.
+        light_limit: Brightness above which pixels of the first layer are lights, (h, w).
+    """
+
+    layers: Layers
+    mixed: MixedPixels
+    light_limit: npt.NDArray[np.float32]
 
 
 def split_layers(
@@ -107,7 +114,7 @@ def split_layers(
         ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
         ParameterError: NaN or infinity in either, or known pixels outside the picture.
     """
-    return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
+    return split_picture(image, defocus, max_coc_radius, pixel_filter, known).layers
 
 
 def _with_one_behind(mixed: MixedPixels, behind: np.ndarray) -> MixedPixels:
@@ -126,6 +133,14 @@ def _ignore_fraction(fraction: float) -> None:
     """Progress callback that does nothing."""
 
 
+def _part(mixed: MixedPixels, rows: slice, columns: slice) -> MixedPixels:
+    """Return the mixed pixels of a window, with rows and columns counted from its first."""
+    inside = (mixed.rows >= rows.start) & (mixed.rows < rows.stop)
+    inside &= (mixed.columns >= columns.start) & (mixed.columns < columns.stop)
+    part = MixedPixels(*(values[inside] for values in mixed))
+    return part._replace(rows=part.rows - rows.start, columns=part.columns - columns.start)
+
+
 def split_picture(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
@@ -134,11 +149,13 @@ def split_picture(
     known: KnownSurfaces | None = None,
     progress: Callable[[float], None] | None = None,
     rays_mask: npt.NDArray[np.bool_] | None = None,
-) -> tuple[Layers, MixedPixels]:
-    """Return the layers of :func:`split_layers` and the mixed pixels with their surfaces.
+    window: tuple[slice, slice] | None = None,
+) -> SplitPicture:
+    """Return the layers of :func:`split_layers` in a window of the picture.
 
     ``progress`` receives the completed fraction of the work, 0 to 1. ``rays_mask``: pixels that send rays,
     (H, W); where none of these arrives, the occluded background is only a mean of its surroundings.
+    ``window``: rows and columns, slices with both ends; default: all.
     """
     report = progress or _ignore_fraction
     image, defocus = (np.ascontiguousarray(array, np.float32) for array in (image, defocus))
@@ -147,6 +164,7 @@ def split_picture(
         known.check_within(*defocus.shape)
     lights = are_lights(image, light_limit(image, reach))
     sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
+    del lights
     report(_UNMIXED_FRACTION)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
@@ -158,18 +176,27 @@ def split_picture(
         _insert_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, is_last, hidden, behind)
     sharp[mixed.rows, mixed.columns] = mixed.near
     report(_FILLED_FRACTION)
-    surfaces = [(image, sharp), (hidden, behind)]
+    beyond: list[tuple[np.ndarray, np.ndarray]] = []
     hides = behind < sharp - DISCONTINUITY_THRESHOLD
     if hides.any():
-        deepest, beyond = occluded_background(hidden, behind, reach, hides, rays_mask)
+        beyond = [occluded_background(hidden, behind, reach, hides, rays_mask)]
         with parallel_region:
-            if _remove_shallow_layer(sharp, behind, beyond):
-                surfaces.append((deepest, beyond))
-    colors = np.empty((*sharp.shape, len(surfaces), 3), np.float32)
-    depths, coverage = (np.empty((*sharp.shape, len(surfaces)), np.float32) for _ in range(2))
+            if not _remove_shallow_layer(sharp, behind, beyond[0][1]):
+                beyond.clear()
+    del hides
+    first = image.copy()
+    first[mixed.rows, mixed.columns] = mixed.front
+    limit = light_limit(first, reach)
+    surfaces = [(first, sharp), (hidden, behind), *beyond]
+    rows, columns = window or (slice(0, limit.shape[0]), slice(0, limit.shape[1]))
+    shape = (rows.stop - rows.start, columns.stop - columns.start, len(surfaces))
+    colors = np.empty((*shape, 3), np.float32)
+    depths, coverage = (np.empty(shape, np.float32) for _ in range(2))
     with parallel_region:
         for layer, (color, depth) in enumerate(surfaces):
-            _write_layer(color, depth, layer, colors, depths, coverage)
-        _insert_fronts(mixed.rows, mixed.columns, mixed.front, mixed.coverage, colors, coverage)
+            _write_layer(color, depth, rows.start, columns.start, layer, colors, depths, coverage)
+    mixed = _part(mixed, rows, columns)
+    coverage[mixed.rows, mixed.columns, 0] = mixed.coverage
     report(1.0)
-    return Layers(colors=colors, defocus=depths, coverage=coverage), mixed
+    layers = Layers(colors=colors, defocus=depths, coverage=coverage)
+    return SplitPicture(layers, mixed, np.ascontiguousarray(limit[rows, columns]))

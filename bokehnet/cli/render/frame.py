@@ -14,7 +14,7 @@ from bokehnet.cli.render.large_blur import confirm_large_blur, is_large_blur
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.inference.process_memory import keep_freed_memory
+from bokehnet.inference.process_memory import freed_memory_kept, keep_freed_memory
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.formats.finished import is_finished
 from bokehnet.io.formats.heif import is_heif
@@ -270,7 +270,8 @@ def render_frame(
     report = begin("rendering")
     if warn:
         report = _confirming(report, focused, job.settings)
-    result = renderer.render(focused, job.settings, report, overwrite=True)
+    with freed_memory_kept():
+        result = renderer.render(focused, job.settings, report, overwrite=True)
     del focused
     times.append(perf_counter())
     report = begin("writing")

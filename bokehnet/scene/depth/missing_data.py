@@ -1,11 +1,13 @@
 """Pixels without data in stored maps: sentinel values of depth cameras, stereo and data sets."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.arrays.row_blocks import cut_row_blocks
 from bokehnet.errors import ImageFileError
 
 __all__ = ["Holes", "MissingData", "filled_map", "find_missing_depth", "find_missing_disparity"]
@@ -124,14 +126,15 @@ def find_missing_disparity(
         >>> find_missing_disparity(numbers, None, invert=False, no_data=None).mask.tolist()
         [[True, False, False, True]]
     """
-    finite = np.isfinite(numbers)
-    masks = {"NaN": np.isnan(numbers), "infinite": np.isinf(numbers)}
+    masks: dict[str, Mask] = {}
+    if not all(np.isfinite(numbers[rows]).all() for rows in cut_row_blocks(numbers.shape)):
+        masks = {"NaN": np.isnan(numbers), "infinite": np.isinf(numbers)}
     notes: tuple[str, ...] = ()
-    values = numbers[finite]
-    if values.size:
-        low, high = float(values.min()), float(values.max())
-        above = values[values > low]
-        following = float(above.min()) if above.size else low
+    low = min((float(block.min()) for block in _finite_blocks(numbers)), default=None)
+    if low is not None:
+        high = max(float(block.max()) for block in _finite_blocks(numbers))
+        above = (block[block > low] for block in _finite_blocks(numbers))
+        following = min((float(block.min()) for block in above if block.size), default=low)
         is_gap = following - low >= _MIN_GAP * (high - min(low, 0.0)) > 0
         if low in _NEGATIVE_SENTINELS and following >= 0 and high > _MIN_UNNORMALISED:
             masks[f"{low:g}"] = numbers == low
@@ -214,9 +217,20 @@ def _collected(
 ) -> MissingData:
     if no_data is not None:
         masks[f"{no_data:g}"] = np.isclose(numbers, no_data, rtol=1e-6, atol=0)
-    mask = np.logical_or.reduce(list(masks.values()))
+    mask = np.zeros(numbers.shape, np.bool_)
+    for one in masks.values():
+        mask |= one
     counts = {kind: int(one.sum()) for kind, one in masks.items()}
     return MissingData(mask=mask, counts=counts, notes=notes)
+
+
+def _finite_blocks(numbers: Array) -> Iterator[Array]:
+    """Yield the finite numbers of one block of rows after another, (N,), where there are any."""
+    for rows in cut_row_blocks(numbers.shape):
+        block = numbers[rows]
+        finite = block[np.isfinite(block)]
+        if finite.size:
+            yield finite
 
 
 def _is_isolated_top(numbers: Array, top: Mask) -> bool:

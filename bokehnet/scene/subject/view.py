@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.resample import resample
+from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.arrays.square_windows import reduce_windows
 from bokehnet.scene.subject.masks import label, median3
 
@@ -123,11 +124,16 @@ def display(image: Array) -> Array:
 
 def detail_of(image: Array, height: int, width: int) -> Array:
     """Return the mean absolute gradient of the square root of green in each coarse pixel."""
-    green = np.sqrt(np.clip(np.asarray(image[..., 1], np.float32), 0, 1))
-    steps = np.zeros_like(green)
-    steps[:, 1:] = np.abs(np.diff(green, axis=1))
-    steps[1:] += np.abs(np.diff(green, axis=0))
-    return resample(steps, height, width, "area")
+
+    def steps(rows: slice) -> Array:
+        above = min(rows.start, 1)
+        green = np.sqrt(np.clip(np.asarray(image[rows.start - above : rows.stop, :, 1], np.float32), 0, 1))
+        steps = np.zeros_like(green)
+        steps[:, 1:] = np.abs(np.diff(green, axis=1))
+        steps[1:] += np.abs(np.diff(green, axis=0))
+        return steps[above:]
+
+    return resample(make_in_row_blocks(steps, image.shape[:2], np.float32), height, width, "area")
 
 
 def ground_of(values: Array, search: SubjectSearch) -> Mask:

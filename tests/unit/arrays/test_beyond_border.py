@@ -21,13 +21,13 @@ def blurred(image):
 def test_soft_pictures_repeat_their_border(above, below, sides):
     """Authority: NumPy's edge padding."""
     padding = ((above, below), (sides, sides), (0, 0))
-    assert_allclose(beyond_border(SOFT, above, below, sides), np.pad(SOFT, padding, "edge"), atol=1e-6)
+    assert_allclose(beyond_border(SOFT, above, below, sides, sides), np.pad(SOFT, padding, "edge"), atol=1e-6)
 
 
 def test_a_line_along_a_side_is_mirrored_once():
     image = SOFT.copy()
     image[0] = 1
-    larger = beyond_border(image, 20, 0, 0)
+    larger = beyond_border(image, 20, 0, 0, 0)
     assert_array_equal(larger[19], image[0])
     assert_array_equal(larger[15:20], image[4::-1])
     assert larger[:19].max() < 0.5

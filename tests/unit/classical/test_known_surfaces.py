@@ -10,9 +10,9 @@ import pytest
 
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.classical.rays_renderer import rays, render_rays
-from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
+from bokehnet.engines.strips import strip_bytes
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import gamma_curve
@@ -94,7 +94,7 @@ def test_strips_take_what_is_known_of_their_rows(engine):
     image, defocus, known = wire(height=900, width=96, near=12.0)
     image = image * np.random.default_rng(1).uniform(0.5, 1, (900, 96, 1)).astype(np.float32)
     renderer = Engine(engine)
-    memory = 500 * 96 * CLASSICAL["rays"].bytes_per_pixel
+    memory = strip_bytes((900, 96), (256, 96), 12, "rays")
     whole = renderer.render(image, defocus, options=RenderOptions(known=known))
     parts = renderer.render(image, defocus, options=RenderOptions(known=known, max_memory=memory))
     assert np.mean((whole.bokeh - parts.bokeh) ** 2) < 1e-6

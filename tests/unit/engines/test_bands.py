@@ -8,10 +8,10 @@ import pytest
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.base import ALIGNED
 from bokehnet.classical.known_surfaces import KnownSurfaces
-from bokehnet.engines.bands import BandReader, band_bytes, even_bands, widest_band
+from bokehnet.engines.bands import even_bands
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
-from bokehnet.engines.strips import cut_bands, cut_strips, min_strip_bytes
+from bokehnet.engines.strips import cut, min_strip_bytes
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
@@ -26,35 +26,34 @@ def test_bands_cover_every_column_once_with_a_halo():
         assert band.last == 2100 or band.last - band.stop == 300
 
 
+def own_fraction(reach: int, memory: int) -> tuple[float, int]:
+    """Return rendered over read pixels of 100 megapixels, and the number of bands of a strip."""
+    strips = [*cut(11180, 8944, reach, "rays", memory, bands=True)]
+    tiles = [tile for bands in strips for tile in bands]
+    read = sum((tile.last - tile.first) * (tile.right - tile.left) for tile in tiles)
+    own = sum(
+        (rows.stop - rows.start) * (columns.stop - columns.start)
+        for rows, columns in (tile.output(8944) for tile in tiles)
+    )
+    assert own == 11180 * 8944
+    return own / read, len(strips[0])
+
+
 @pytest.mark.parametrize(("reach", "memory", "several"), [(40, 2 * 10**9, False), (311, 2 * 10**9, True)])
 def test_bands_are_cut_only_where_strips_are_mostly_halo(reach, memory, several):
-    """100 megapixels: 180 bytes per pixel and a halo of two radii by arithmetic."""
-    bands = cut_bands(11180, 8944, reach, "rays", memory)
-    assert (len(bands) > 1) == several
-    rest = memory - band_bytes(11180, bands)
-    strips = [*cut_strips(11180, widest_band(bands), reach, "rays", rest)]
-    own = 11180 / sum(strip.last - strip.first for strip in strips)
-    assert own > (0.35 if several else 0.7)
+    fraction, bands = own_fraction(reach, memory)
+    assert (bands > 1) == several
+    assert fraction > (0.3 if several else 0.7)
 
 
 def test_the_minimum_of_bands_is_enough_for_bands():
-    """One byte less than the minimum of strips: bands; the minimum: an efficient strip is left."""
     minimum = min_strip_bytes(11180, 8944, 311, "rays", True)
     assert minimum < 0.7 * min_strip_bytes(11180, 8944, 311, "rays", False)
-    bands = cut_bands(11180, 8944, 311, "rays", minimum)
-    strips = [*cut_strips(11180, widest_band(bands), 311, "rays", minimum - band_bytes(11180, bands))]
-    assert len(bands) > 1
-    assert sum(strip.last - strip.first for strip in strips) < 4 * 11180
-
-
-def test_a_reader_copies_what_later_bands_need_before_it_is_overwritten():
-    values = np.arange(2 * 700, dtype=np.float32).reshape(2, 700)
-    truth = values.copy()
-    bands = even_bands(700, 150, 3)
-    reader = BandReader([values], bands)
-    for index, band in enumerate(bands):
-        np.testing.assert_array_equal(reader.read(index)[0], truth[:, band.first : band.last])
-        values[:, band.start : band.stop] = -1
+    fraction, bands = own_fraction(311, minimum)
+    assert bands > 1
+    assert fraction > 0.1
+    with pytest.raises(ParameterError):
+        own_fraction(311, minimum - 1)
 
 
 def posts(height: int = 640, width: int = 900) -> tuple[np.ndarray, np.ndarray]:

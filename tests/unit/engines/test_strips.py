@@ -1,5 +1,6 @@
 """Pictures in strips: the same as whole, in bounded memory."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,9 @@ import pytest
 from bokehnet.arrays.viewport import Viewport
 from bokehnet.classical.base import ALIGNED
 from bokehnet.classical.layered.march import resolution_levels
-from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
 from bokehnet.engines.options import RenderOptions
-from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
+from bokehnet.engines.strips import StripAccumulator, cut, strip_bytes, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -31,8 +31,14 @@ def tall_picture(height: int = 900, width: int = 120) -> tuple[np.ndarray, np.nd
     return image, defocus
 
 
+def memory_of_strips(defocus: np.ndarray, rows: int, classical: str) -> int:
+    """Return the memory, bytes, of strips with so many own rows behind a perfect lens."""
+    radius = math.ceil(float(np.abs(defocus).max()))
+    return strip_bytes(defocus.shape, (rows, defocus.shape[1]), radius, classical)
+
+
 def test_strips_cover_every_row_once():
-    strips = [*cut_strips(1000, 80, 10, "rays", 600 * 80 * CLASSICAL["rays"].bytes_per_pixel)]
+    strips = [strip for (strip,) in cut(1000, 80, 10, "rays", strip_bytes((1000, 80), (384, 80), 10, "rays"))]
     rows = [row for s in strips for row in range(s.first + s.output_rows.start, s.first + s.output_rows.stop)]
     assert rows == list(range(1000))
     assert len(strips) > 2
@@ -40,16 +46,15 @@ def test_strips_cover_every_row_once():
         assert strip.first % ALIGNED == 0
         assert strip.first == 0 or strip.output_rows.start >= 20
         assert strip.last == 1000 or strip.last - strip.first - strip.output_rows.stop >= 20
-        assert (strip.last - strip.first) <= 600
+        assert strip.output_rows.stop - strip.output_rows.start <= 384
 
 
-@pytest.mark.parametrize(("max_rows", "count"), [(700, 2), (570, 3), (400, 6)])
-def test_strips_read_about_equally_many_rows(max_rows, count):
+@pytest.mark.parametrize(("own_rows", "count"), [(512, 2), (384, 3), (128, 8)])
+def test_strips_read_about_equally_many_rows(own_rows, count):
     """Rows of a strip with halos, by arithmetic: (1000 + 2 (n - 1) halo) / n, and alignment of both ends."""
-    strips = [*cut_strips(1000, 80, 10, "rays", max_rows * 80 * CLASSICAL["rays"].bytes_per_pixel)]
-    rows = [strip.last - strip.first for strip in strips]
-    assert len(strips) == count
-    assert max(rows) <= max_rows
+    memory = strip_bytes((1000, 80), (own_rows, 80), 10, "rays")
+    rows = [strip.last - strip.first for (strip,) in cut(1000, 80, 10, "rays", memory)]
+    assert len(rows) == count
     assert max(rows) - min(rows[:-1]) <= 2 * ALIGNED
 
 
@@ -63,9 +68,10 @@ def test_a_large_picture_takes_little_memory_where_that_costs_little(reach, most
     memory = working_memory(height, width, reach, "rays")
     assert (memory and memory / 2**30) == most
     if memory is not None:
-        strips = [*cut_strips(height, width, reach, "rays", memory)]
-        assert max(s.last - s.first for s in strips) * width * CLASSICAL["rays"].bytes_per_pixel <= memory
-        assert sum(s.last - s.first for s in strips) < 1.4 * height
+        strips = [strip for (strip,) in cut(height, width, reach, "rays", memory)]
+        rows = [strip.output_rows.stop - strip.output_rows.start for strip in strips[1:-1]]
+        assert all(strip_bytes((height, width), (own, width), reach, "rays") <= memory for own in rows)
+        assert sum(strip.last - strip.first for strip in strips) < 1.4 * height
     assert working_memory(1350, 1080, reach, "rays") is None
 
 
@@ -89,7 +95,7 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     """Decibels; each strip ends inside posts, slope and lights' discs."""
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, lens_response=lens_response)
-    memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 256, "scatter" if engine == "scatter" else "rays")
     whole, parts = (
         renderer.render_arrays(image, defocus),
         renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
@@ -110,7 +116,7 @@ def test_strips_choose_the_sizes_of_the_whole_picture(radius):
     defocus = np.where(posts, radius, np.where(defocus > 10, 0.0, -radius)).astype(np.float32)
     defocus[300:900] = np.where(posts, radius, -radius)[300:900]
     renderer = BokehRenderer("rays")
-    memory = 800 * image.shape[1] * CLASSICAL["rays"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 384, "rays")
     whole = renderer.render_arrays(image, defocus)
     parts = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 75
@@ -127,7 +133,7 @@ def test_strips_choose_the_sizes_of_the_whole_picture_behind_an_aberrated_lens(m
     defocus = defocus.astype(np.float32)
     aberration_map = AberrationSliders(coma=3.0, field_curvature=field_curvature).aberration_map()
     renderer = BokehRenderer("rays", lens_response=LensResponse(aberration_map=aberration_map))
-    memory = 900 * image.shape[1] * CLASSICAL["rays"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 384, "rays")
     whole = renderer.render_arrays(image, defocus)
     parts = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 75
@@ -161,7 +167,7 @@ def test_progress_counts_the_strips():
 def test_too_little_memory_names_the_minimum():
     image, defocus = tall_picture()
     with pytest.raises(
-        ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
+        ParameterError, match=r"max_memory: expected at least 7 MB .* width of 120 .* 14 pixels"
     ):
         BokehRenderer("rays").render_arrays(image, defocus, options=RenderOptions(max_memory=1000))
 
@@ -171,7 +177,7 @@ def test_too_little_memory_names_the_minimum():
 def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
-    memory = 520 * image.shape[1] * CLASSICAL["rays" if engine == "rays" else "scatter"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 256, "rays" if engine == "rays" else "scatter")
     whole, parts = (
         renderer.render_arrays(image, defocus),
         renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory)),
@@ -243,7 +249,7 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     """Oracle: the same strips beside their input, bit for bit."""
     image, defocus = tall_picture()
     image[:5] = -0.5  # counts as 0
-    memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 256, "scatter" if engine == "scatter" else "rays")
     renderer = BokehRenderer(engine)
     before = image.copy(), defocus.copy()
     separate = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
@@ -260,7 +266,7 @@ def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
     """Oracle: the same strips beside their input, bit for bit."""
     image, defocus = tall_picture()
     before = defocus.copy()
-    memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 256, "scatter")
     renderer = BokehRenderer("fast")
     separate = renderer.render_arrays(image, defocus, options=RenderOptions(max_memory=memory))
     over = renderer.render_arrays(
@@ -276,7 +282,7 @@ def test_what_cannot_be_written_to_is_left_alone():
     image, defocus = tall_picture()
     defocus.flags.writeable = False
     before = defocus.copy()
-    memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
+    memory = memory_of_strips(defocus, 256, "scatter")
     result = BokehRenderer("scatter").render_arrays(
         image, defocus, options=RenderOptions(max_memory=memory, overwrite=True)
     )
@@ -287,12 +293,10 @@ def test_what_cannot_be_written_to_is_left_alone():
 
 def test_memory_that_is_taken_counts():
     """The remaining memory decides: the same strips, and the minimum includes all memory."""
-    left = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
-    assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
-        *cut_strips(1000, 80, 10, "rays", left)
-    ]
+    left = strip_bytes((1000, 80), (384, 80), 10, "rays")
+    assert [*cut(1000, 80, 10, "rays", left + 10**9, 10**9)] == [*cut(1000, 80, 10, "rays", left)]
     with pytest.raises(ParameterError, match="max_memory: expected at least 1005 MB in all"):
-        [*cut_strips(1000, 80, 10, "rays", 10**9, 10**9)]
+        [*cut(1000, 80, 10, "rays", 10**9, 10**9)]
 
 
 def test_rows_wait_until_no_later_strip_reads_them():

@@ -1,0 +1,135 @@
+"""Job of the rays renderer: picture, options, and the part of the picture that is rendered."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from bokehnet.arrays.viewport import Viewport
+from bokehnet.checks import check_same_size
+from bokehnet.classical.base import ALIGNED, MAX_RADIUS_IN_SIDES, Strip, check_inputs
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.resolution_levels import layers_halo
+from bokehnet.classical.scatter_renderer import scatter_inside
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
+
+__all__ = ["CPU", "Device", "PictureJob", "output_halo"]
+
+# Minimum halo of layers around the output beyond the reach of rays, pixels, for averaging windows.
+_MIN_HALO_PX = 32
+
+
+class Device(NamedTuple):
+    """Functions that scatter and march on a device.
+
+    Attributes:
+        scatter: Same signature as :func:`bokehnet.classical.scatter_renderer.scatter_inside`.
+        march: Kernel that sends rays, see ``send`` of
+            :func:`bokehnet.classical.layered.march.ray_marching.march`; ``None`` for the kernel on the CPU.
+    """
+
+    scatter: Callable[..., np.ndarray]
+    march: Callable[..., None] | None
+
+
+CPU = Device(scatter_inside, None)
+
+
+def output_halo(reach: int) -> int:
+    """Return the pixels around an output whose layers it depends on, for rays with this reach, pixels."""
+    return reach + max(_MIN_HALO_PX, layers_halo(reach))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PictureJob:
+    """Picture and options of one render; options as in :class:`bokehnet.classical.base.ClassicalOptions`."""
+
+    image: np.ndarray
+    defocus: np.ndarray
+    aperture: Aperture
+    lens_response: LensResponse | None = None
+    seed: int = 0
+    layers: Layers | None = None
+    strip: Strip | None = None
+    viewport: Viewport | None = None
+    progress: Callable[[float], None] | None = None
+    pixel_filter: PixelFilter = DEFAULT_FILTER
+    known: KnownSurfaces | None = None
+    rays_factor: float = 1.0
+    device: Device = CPU
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the whole picture, of which the arrays may be a part."""
+        height, width = self.defocus.shape
+        return (height, width) if self.strip is None else self.strip.size(width)
+
+    @property
+    def above(self) -> int:
+        """Rows of the picture above the arrays."""
+        return 0 if self.strip is None else self.strip.first
+
+    @property
+    def picture_viewport(self) -> Viewport:
+        """Position of the whole picture in the shown one, less the columns left of the arrays."""
+        return self.viewport or Viewport.whole(*self.size)
+
+    def checked(self) -> "PictureJob":
+        """Return the job with checked arrays and bounded radii."""
+        image, defocus = (np.asarray(array, np.float32) for array in check_inputs(self.image, self.defocus))
+        if self.layers is not None:
+            check_same_size("image", image, "layers", self.layers.defocus)
+        largest = MAX_RADIUS_IN_SIDES * max(self.size)
+        defocus, known = np.clip(defocus, -largest, largest), self.known
+        if known is not None:
+            known.check_within(*defocus.shape)
+            known = known.with_radius_limit(largest)
+        return replace(self, image=image, defocus=defocus, known=known)
+
+    def nearest_and_farthest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the defocus of the nearest and of the farthest visible surface of each pixel, (H, W)."""
+        if self.known is None:
+            return self.defocus, self.defocus
+        return self.known.near_and_far_maps(self.defocus)
+
+    def largest_radius(self) -> int:
+        """Return the largest blur radius of the whole picture in pixels, rounded up."""
+        if self.strip is not None:
+            return self.strip.max_coc_radius
+        nearest, farthest = self.nearest_and_farthest()
+        return math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
+
+    def reached(self) -> tuple[slice, slice]:
+        """Return the rows and columns of the arrays that rays of the output, and its light, can reach.
+
+        Their surroundings serve only to estimate what they occlude.
+        """
+        height, width = self.defocus.shape
+        if self.strip is None:
+            return slice(0, height), slice(0, width)
+        halo = output_halo(self.strip.max_ray_reach)
+        rows, columns = (
+            slice(max(0, span.start - halo) // ALIGNED * ALIGNED, min(size, span.stop + halo))
+            for span, size in zip(self.strip.output(width), (height, width), strict=True)
+        )
+        return rows, columns
+
+    def cropped(self, rows: slice, columns: slice) -> "PictureJob":
+        """Return the job of some rows and columns, slices with both ends; only with a strip."""
+        assert self.strip is not None
+        image, defocus = (np.ascontiguousarray(array[rows, columns]) for array in (self.image, self.defocus))
+        known = self.known and self.known.in_rows(rows.start, rows.stop)
+        return replace(
+            self,
+            image=image,
+            defocus=defocus,
+            known=known and known.in_columns(columns.start, columns.stop, -columns.start),
+            layers=self.layers and self.layers.part(rows, columns),
+            strip=self.strip.cropped(rows, columns, of=self.defocus.shape[1]),
+            viewport=replace(self.picture_viewport, left=self.picture_viewport.left + columns.start),
+        )
