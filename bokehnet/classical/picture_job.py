@@ -1,6 +1,5 @@
 """Job of the rays renderer: picture, options, and the part of the picture that is rendered."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -8,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, MAX_RADIUS_IN_SIDES, Strip, check_inputs
+from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.march.resolution_levels import layers_halo
@@ -78,31 +76,6 @@ class PictureJob:
     def picture_viewport(self) -> Viewport:
         """Position of the whole picture in the shown one, less the columns left of the arrays."""
         return self.viewport or Viewport.whole(*self.size)
-
-    def checked(self) -> "PictureJob":
-        """Return the job with checked arrays and bounded radii."""
-        image, defocus = (np.asarray(array, np.float32) for array in check_inputs(self.image, self.defocus))
-        if self.layers is not None:
-            check_same_size("image", image, "layers", self.layers.defocus)
-        largest = MAX_RADIUS_IN_SIDES * max(self.size)
-        defocus, known = np.clip(defocus, -largest, largest), self.known
-        if known is not None:
-            known.check_within(*defocus.shape)
-            known = known.with_radius_limit(largest)
-        return replace(self, image=image, defocus=defocus, known=known)
-
-    def nearest_and_farthest(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the defocus of the nearest and of the farthest visible surface of each pixel, (H, W)."""
-        if self.known is None:
-            return self.defocus, self.defocus
-        return self.known.near_and_far_maps(self.defocus)
-
-    def largest_radius(self) -> int:
-        """Return the largest blur radius of the whole picture in pixels, rounded up."""
-        if self.strip is not None:
-            return self.strip.max_coc_radius
-        nearest, farthest = self.nearest_and_farthest()
-        return math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
 
     def reached(self) -> tuple[slice, slice]:
         """Return the rows and columns of the arrays that rays of the output, and its light, can reach.

@@ -1,5 +1,6 @@
 """Rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -11,14 +12,15 @@ from numba import prange
 
 from bokehnet.arrays.fusion import fuse
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.classical.base import ClassicalOptions, ClassicalResult
+from bokehnet.checks import check_same_size
+from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalOptions, ClassicalResult, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import Fringes, chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
-from bokehnet.classical.layered.layers import Layers, split_picture
+from bokehnet.classical.layered.layers import Layers, RaysWindow, split_picture
 from bokehnet.classical.layered.march.aberrated_rays import LensTable, lens_table
 from bokehnet.classical.layered.march.bundle_extents import (
     bundle_extents,
@@ -198,11 +200,16 @@ class _Rays:
 
 
 def _render(job: PictureJob) -> ClassicalResult:
-    surroundings = job.checked()
+    surroundings = _checked(job)
     window = surroundings.reached()
     job = surroundings if job.strip is None else surroundings.cropped(*window)
-    nearest, farthest = job.nearest_and_farthest()
-    radius = job.largest_radius()
+    nearest, farthest = job.defocus, job.defocus
+    if job.known is not None:
+        nearest, farthest = job.known.near_and_far_maps(job.defocus)
+    if job.strip is None:
+        radius = math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
+    else:
+        radius = job.strip.max_coc_radius
     error_map = geometric_error_map(nearest, boundary_threshold(job.size), farthest=farthest)
     pupil_rays = _make_rays(job, radius, nearest, farthest, error_map)
     del nearest, farthest
@@ -229,6 +236,19 @@ def _render(job: PictureJob) -> ClassicalResult:
             scatter=smooth,
         )
     return result if job.strip is None else result.part(*job.strip.output(error_map.shape[1]))
+
+
+def _checked(job: PictureJob) -> PictureJob:
+    """Return the job with checked arrays and bounded radii."""
+    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(job.image, job.defocus))
+    if job.layers is not None:
+        check_same_size("image", image, "layers", job.layers.defocus)
+    largest = MAX_RADIUS_IN_SIDES * max(job.size)
+    defocus, known = np.clip(defocus, -largest, largest), job.known
+    if known is not None:
+        known.check_within(*defocus.shape)
+        known = known.with_radius_limit(largest)
+    return replace(job, image=image, defocus=defocus, known=known)
 
 
 def _make_rays(
@@ -294,8 +314,6 @@ def _visible_layers(
     if surroundings.layers is not None:
         limit = light_limit(surroundings.layers.colors[:, :, 0], pupil_rays.reach)[window]
         return *separate_lights(surroundings.layers.part(*window), faintest=faintest, limit=limit), None
-    sends_rays = np.zeros(surroundings.defocus.shape, np.bool_)
-    sends_rays[window] = rays_mask
     layers, mixed, limit = split_picture(
         surroundings.image,
         surroundings.defocus,
@@ -303,10 +321,8 @@ def _visible_layers(
         surroundings.pixel_filter,
         surroundings.known,
         lambda fraction: report(1, fraction),
-        sends_rays,
-        window,
+        RaysWindow(*window, rays_mask),
     )
-    del sends_rays
     rest, lights = separate_lights(layers, faintest=faintest, limit=limit, overwrite=True)
     return rest, lights, to_known_surfaces(mixed)
 

@@ -274,7 +274,6 @@ class Engine:
         is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
-        height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         max_ray_reach = None
         if self.classical_name == "rays":  # raises for an impossible tilt
@@ -283,15 +282,14 @@ class Engine:
             return []
         if memory is None:
             reach = max(max_coc_radius, max_ray_reach or 0)
-            memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
+            memory, memory_in_use = working_memory(defocus.shape, reach, self.classical_name), 0
             if memory is None:
                 return []
         # No network may need whole rows, and rays must cost more than copies of bands.
         bands = self._networks is None and CLASSICAL[self.classical_name].traces_rays
         strips = [
             *cut(
-                height,
-                width,
+                defocus.shape,
                 max_coc_radius,
                 self.classical_name,
                 memory,

@@ -111,21 +111,20 @@ def _own_fraction(size: tuple[int, int], bands: list[Band], rows: int, halo: int
     return rows * width / (read_rows * read_columns)
 
 
-def working_memory(height: int, width: int, reach: int, classical: str) -> int | None:
+def working_memory(size: tuple[int, int], reach: int, classical: str) -> int | None:
     """Return the memory of a strip, bytes, without a user limit; ``None`` if strips are not efficient.
 
     Strips of large pictures are efficient if the halo is small compared with their own rows.
 
     Args:
-        height: Height of the picture, pixels.
-        width: Width of the picture, pixels.
+        size: Height and width of the picture, pixels.
         reach: Maximum distance of rays from their pixel, pixels.
         classical: Name of the classical renderer.
     """
-    halo = _halos(height, reach, classical).read
+    halo = _halos(size[0], reach, classical).read
     for memory in _WORKING_MEMORY_BYTES:
-        rows = _own_rows((height, width), even_bands(width, halo, 1), reach, classical, memory)
-        if rows >= height:
+        rows = _own_rows(size, even_bands(size[1], halo, 1), reach, classical, memory)
+        if rows >= size[0]:
             return None
         if rows >= _MIN_ROWS_PER_HALO * halo:
             return memory
@@ -154,20 +153,19 @@ def _max_count(width: int, halo: int) -> int:
     return max(1, width // max(halo, ALIGNED))
 
 
-def min_strip_bytes(height: int, width: int, reach: int, classical: str, bands: bool) -> int:
+def min_strip_bytes(size: tuple[int, int], reach: int, classical: str, bands: bool) -> int:
     """Return the minimum memory of strips, bytes.
 
     In bands, a strip has at least as many own rows as one halo, so that no pixel is read more than about nine
     times.
 
     Args:
-        height: Height of the picture, pixels.
-        width: Width of the picture, pixels.
+        size: Height and width of the picture, pixels.
         reach: Maximum distance of rays from their pixel, pixels.
         classical: Name of the classical renderer.
         bands: True if the picture may be rendered in bands.
     """
-    size, halo = (height, width), _halos(height, reach, classical).read
+    width, halo = size[1], _halos(size[0], reach, classical).read
     minimum = strip_bytes(size, (ALIGNED, width), reach, classical)
     if not bands:
         return minimum
@@ -193,8 +191,7 @@ def memory_error(
 
 
 def cut(
-    height: int,
-    width: int,
+    size: tuple[int, int],
     max_coc_radius: int,
     classical: str,
     memory: int,
@@ -206,8 +203,7 @@ def cut(
     """Divide a picture into strips, from top to bottom, and each into bands, from left to right.
 
     Args:
-        height: Height of the picture, pixels.
-        width: Width of the picture, pixels.
+        size: Height and width of the picture, pixels.
         max_coc_radius: Largest blur radius of the picture, pixels.
         classical: Name of the classical renderer.
         memory: Maximum memory for a strip beyond input and output, including ``memory_in_use``, bytes.
@@ -219,9 +215,10 @@ def cut(
     Raises:
         ParameterError: The narrowest strip exceeds the memory.
     """
-    reach, size, available = max(max_coc_radius, max_ray_reach or 0), (height, width), memory - memory_in_use
+    (height, width), available = size, memory - memory_in_use
+    reach = max(max_coc_radius, max_ray_reach or 0)
     halo = _halos(height, reach, classical).read
-    min_bytes = min_strip_bytes(height, width, reach, classical, bands)
+    min_bytes = min_strip_bytes(size, reach, classical, bands)
     columns = even_bands(width, halo, 1)
     rows = _own_rows(size, columns, reach, classical, available)
     if rows < height and available < min_bytes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.row_blocks import in_row_blocks
+from bokehnet.arrays.row_blocks import cut_row_blocks
 from bokehnet.checks import check_rank
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
@@ -108,9 +108,13 @@ class FocusedLens:
         Raises:
             LensError: The lens cannot focus there.
         """
-        if self.plane is None and not any(self.tilt_gradient) and isinstance(disparity, np.ndarray):
-            return in_row_blocks(self._outside_range, disparity)  # does not depend on the place
-        return self._outside_range(disparity)
+        depends_on_place = self.plane is not None or any(self.tilt_gradient)
+        if depends_on_place or not isinstance(disparity, np.ndarray):
+            return self._outside_range(disparity)
+        result = np.empty_like(disparity)
+        for rows in cut_row_blocks(disparity.shape):  # no copies of the whole map
+            result[rows] = self._outside_range(disparity[rows])
+        return result
 
     def aberration_map(self) -> AberrationMap | None:
         """Return the effect of a tilted plane of focus on the rays; None without tilt."""

@@ -19,7 +19,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["Layers", "SplitPicture", "split_layers", "split_picture"]
+__all__ = ["Layers", "RaysWindow", "SplitPicture", "split_layers", "split_picture"]
 
 # Completed fraction of the work after unmixing and after the background is filled, for a progress bar only.
 _UNMIXED_FRACTION, _FILLED_FRACTION = 0.2, 0.6
@@ -67,6 +67,20 @@ def _write_layer(color, defocus, top, left, layer, colors, depths, coverage):
             if layer > 0:
                 depths[y, x, layer] = min(depths[y, x, layer], depths[y, x, layer - 1])
             coverage[y, x, layer] = 1.0
+
+
+class RaysWindow(NamedTuple):
+    """Window of a picture that rays can reach.
+
+    Attributes:
+        rows: Rows, a slice with both ends.
+        columns: Columns, a slice with both ends.
+        rays_mask: Pixels of the window that send rays, (h, w).
+    """
+
+    rows: slice
+    columns: slice
+    rays_mask: npt.NDArray[np.bool_]
 
 
 class SplitPicture(NamedTuple):
@@ -148,20 +162,22 @@ def split_picture(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
     progress: Callable[[float], None] | None = None,
-    rays_mask: npt.NDArray[np.bool_] | None = None,
-    window: tuple[slice, slice] | None = None,
+    window: RaysWindow | None = None,
 ) -> SplitPicture:
-    """Return the layers of :func:`split_layers` in a window of the picture.
+    """Return the layers of :func:`split_layers` in a window of the picture, by default all of it.
 
-    ``progress`` receives the completed fraction of the work, 0 to 1. ``rays_mask``: pixels that send rays,
-    (H, W); where none of these arrives, the occluded background is only a mean of its surroundings.
-    ``window``: rows and columns, slices with both ends; default: all.
+    ``progress`` receives the completed fraction of the work, 0 to 1. Where no rays of the window arrive, the
+    occluded background is only a mean of its surroundings.
     """
     report = progress or _ignore_fraction
     image, defocus = (np.ascontiguousarray(array, np.float32) for array in (image, defocus))
     reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     if known is not None:
         known.check_within(*defocus.shape)
+    rows, columns, rays_mask = slice(0, len(image)), slice(0, image.shape[1]), None
+    if window is not None:
+        rows, columns, rays_mask = window.rows, window.columns, np.zeros(defocus.shape, np.bool_)
+        rays_mask[rows, columns] = window.rays_mask
     lights = are_lights(image, light_limit(image, reach))
     sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
     del lights
@@ -188,7 +204,6 @@ def split_picture(
     first[mixed.rows, mixed.columns] = mixed.front
     limit = light_limit(first, reach)
     surfaces = [(first, sharp), (hidden, behind), *beyond]
-    rows, columns = window or (slice(0, limit.shape[0]), slice(0, limit.shape[1]))
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(surfaces))
     colors = np.empty((*shape, 3), np.float32)
     depths, coverage = (np.empty(shape, np.float32) for _ in range(2))

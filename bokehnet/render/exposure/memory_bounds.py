@@ -77,7 +77,7 @@ def min_memory(settings: RenderSettings, engine: str, width: int, height: int, a
     radius = _largest_relative_blur(settings)
     halo = _ray_reach(settings, radius, height, width) if radius and spec.traces_rays else radius
     bands = spec.networks is None and not (estimates and spec.traces_rays)
-    strip = min_strip_bytes(height, width, halo, spec.classical, bands)
+    strip = min_strip_bytes((height, width), halo, spec.classical, bands)
     per_pixel += _ALPHA_BYTES if alpha else 0
     stages.append(PROGRAM + per_pixel * pixels + strip)
     if alpha:

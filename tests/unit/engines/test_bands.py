@@ -28,7 +28,7 @@ def test_bands_cover_every_column_once_with_a_halo():
 
 def own_fraction(reach: int, memory: int) -> tuple[float, int]:
     """Return rendered over read pixels of 100 megapixels, and the number of bands of a strip."""
-    strips = [*cut(11180, 8944, reach, "rays", memory, bands=True)]
+    strips = [*cut((11180, 8944), reach, "rays", memory, bands=True)]
     tiles = [tile for bands in strips for tile in bands]
     read = sum((tile.last - tile.first) * (tile.right - tile.left) for tile in tiles)
     own = sum(
@@ -47,8 +47,8 @@ def test_bands_are_cut_only_where_strips_are_mostly_halo(reach, memory, several)
 
 
 def test_the_minimum_of_bands_is_enough_for_bands():
-    minimum = min_strip_bytes(11180, 8944, 311, "rays", True)
-    assert minimum < 0.7 * min_strip_bytes(11180, 8944, 311, "rays", False)
+    minimum = min_strip_bytes((11180, 8944), 311, "rays", True)
+    assert minimum < 0.7 * min_strip_bytes((11180, 8944), 311, "rays", False)
     fraction, bands = own_fraction(311, minimum)
     assert bands > 1
     assert fraction > 0.1
@@ -106,7 +106,7 @@ def test_bands_give_the_whole_picture(overwrite, aperture, monkeypatch):
 
 def test_a_bound_below_the_minimum_of_bands_names_it():
     image, defocus = posts()
-    minimum = min_strip_bytes(*defocus.shape, 30, "rays", True)
+    minimum = min_strip_bytes(defocus.shape, 30, "rays", True)
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as error:
         Engine("rays").render(image, defocus, options=RenderOptions(max_memory=10**7))
     match = re.search(r"at least (\d+) MB", str(error.value))

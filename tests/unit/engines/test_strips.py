@@ -38,7 +38,9 @@ def memory_of_strips(defocus: np.ndarray, rows: int, classical: str) -> int:
 
 
 def test_strips_cover_every_row_once():
-    strips = [strip for (strip,) in cut(1000, 80, 10, "rays", strip_bytes((1000, 80), (384, 80), 10, "rays"))]
+    strips = [
+        strip for (strip,) in cut((1000, 80), 10, "rays", strip_bytes((1000, 80), (384, 80), 10, "rays"))
+    ]
     rows = [row for s in strips for row in range(s.first + s.output_rows.start, s.first + s.output_rows.stop)]
     assert rows == list(range(1000))
     assert len(strips) > 2
@@ -53,7 +55,7 @@ def test_strips_cover_every_row_once():
 def test_strips_read_about_equally_many_rows(own_rows, count):
     """Rows of a strip with halos, by arithmetic: (1000 + 2 (n - 1) halo) / n, and alignment of both ends."""
     memory = strip_bytes((1000, 80), (own_rows, 80), 10, "rays")
-    rows = [strip.last - strip.first for (strip,) in cut(1000, 80, 10, "rays", memory)]
+    rows = [strip.last - strip.first for (strip,) in cut((1000, 80), 10, "rays", memory)]
     assert len(rows) == count
     assert max(rows) - min(rows[:-1]) <= 2 * ALIGNED
 
@@ -65,14 +67,14 @@ def test_strips_read_about_equally_many_rows(own_rows, count):
 def test_a_large_picture_takes_little_memory_where_that_costs_little(reach, most):
     """24 megapixels: so many GiB; few rows are looked at twice."""
     height, width = 5475, 4380
-    memory = working_memory(height, width, reach, "rays")
+    memory = working_memory((height, width), reach, "rays")
     assert (memory and memory / 2**30) == most
     if memory is not None:
-        strips = [strip for (strip,) in cut(height, width, reach, "rays", memory)]
+        strips = [strip for (strip,) in cut((height, width), reach, "rays", memory)]
         rows = [strip.output_rows.stop - strip.output_rows.start for strip in strips[1:-1]]
         assert all(strip_bytes((height, width), (own, width), reach, "rays") <= memory for own in rows)
         assert sum(strip.last - strip.first for strip in strips) < 1.4 * height
-    assert working_memory(1350, 1080, reach, "rays") is None
+    assert working_memory((1350, 1080), reach, "rays") is None
 
 
 GLASS = AberrationSliders(coma=3.0, field_curvature=2.0).aberration_map()
@@ -294,9 +296,9 @@ def test_what_cannot_be_written_to_is_left_alone():
 def test_memory_that_is_taken_counts():
     """The remaining memory decides: the same strips, and the minimum includes all memory."""
     left = strip_bytes((1000, 80), (384, 80), 10, "rays")
-    assert [*cut(1000, 80, 10, "rays", left + 10**9, 10**9)] == [*cut(1000, 80, 10, "rays", left)]
+    assert [*cut((1000, 80), 10, "rays", left + 10**9, 10**9)] == [*cut((1000, 80), 10, "rays", left)]
     with pytest.raises(ParameterError, match="max_memory: expected at least 1005 MB in all"):
-        [*cut(1000, 80, 10, "rays", 10**9, 10**9)]
+        [*cut((1000, 80), 10, "rays", 10**9, 10**9)]
 
 
 def test_rows_wait_until_no_later_strip_reads_them():

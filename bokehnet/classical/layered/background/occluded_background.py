@@ -30,8 +30,9 @@ _DIRECTIONS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 
 # Spacing of the samples that an occluded pixel averages, as a fraction of its distance from the edge.
 _SAMPLE_SPACING = 0.25
 
-# Half-width of the window over which the occluded background is averaged, pixels.
-_SMOOTHING_REACH_PX = 2
+# Half-width in samples of the window over which the occluded background is averaged, spacing of the samples
+# over the distance from the edge, and number of passes.
+_SMOOTHING_REACH, _SMOOTHING_SPACING, _SMOOTHING_PASSES = 2, 1 / 12, 2
 
 # Distance from the edge, in pixels, at which lines and texture have the weight 1 / e: the farther, the less
 # certain they are to continue.
@@ -223,16 +224,25 @@ def _remove_unseen(depths, tile_distances, distances):
 
 
 @njit(cache=True, parallel=True)
-def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths):
-    """Average the occluded background, (N), over its surface around, to remove streaks of directions."""
+def _smooth(ys, xs, defocus, lights, distances, colors, depths, smooth_colors, smooth_depths):
+    """Average the occluded background, (N), over its surroundings, to remove streaks of directions.
+
+    Near the edge these are its surface; farther in, where the choice of a surface is uncertain, all of it.
+    """
     height, width = depths.shape
     for i in prange(len(ys)):
         y, x = ys[i], xs[i]
+        spacing = max(1, int(distances[y, x] * _SMOOTHING_SPACING))
         weight = depth = red = green = blue = 0.0
-        for v in range(max(0, y - _SMOOTHING_REACH_PX), min(height, y + _SMOOTHING_REACH_PX + 1)):
-            for u in range(max(0, x - _SMOOTHING_REACH_PX), min(width, x + _SMOOTHING_REACH_PX + 1)):
-                is_known = distances[v, u] > 0 or not lights[v, u]
-                if is_known and abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
+        for down in range(-_SMOOTHING_REACH, _SMOOTHING_REACH + 1):
+            for right in range(-_SMOOTHING_REACH, _SMOOTHING_REACH + 1):
+                v, u = y + spacing * down, x + spacing * right
+                if not (0 <= v < height and 0 <= u < width):
+                    continue
+                if not (distances[v, u] > 0 or not lights[v, u]):
+                    continue
+                alike = abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD
+                if alike or (spacing > 1 and depths[v, u] < defocus[y, x] - DISCONTINUITY_THRESHOLD):
                     weight += 1.0
                     depth += depths[v, u]
                     red += colors[v, u, 0]
@@ -346,8 +356,9 @@ def occluded_background(
     with parallel_region:
         smooth_boundaries(ys, xs, defocus, distances, colors, depths)
         _limit_brightness(ys, xs, limit, colors)
-        _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
-        write_occluded(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
+        for _ in range(_SMOOTHING_PASSES):
+            _smooth(ys, xs, defocus, lights, distances, colors, depths, smooth_colors, smooth_depths)
+            write_occluded(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
         near = occluded.within(_MAX_LINE_DISTANCE_PX)
         near = near.select(np.abs(depths[near.ys, near.xs]) <= _MAX_INPAINTED_RADIUS_PX)
