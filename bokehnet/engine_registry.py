@@ -27,8 +27,10 @@ class EngineSpec:
         sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
             correction has to suppress (by
             :func:`bokehnet.inference.coarse_to_fine.suppress_foreground_outlines`).
-        bytes_per_pixel: Peak memory per pixel of a strip and of what its rays reach, beyond input and output.
-        halo_bytes_per_pixel: The same per pixel of these and of what their occluded background depends on.
+        bytes_per_pixel: Peak memory of a strip per pixel that its light or rays can reach, beyond input and
+            output of the picture, bytes.
+        halo_bytes_per_pixel: The same per pixel that is read, which includes what the occluded background of
+            the others is estimated from, bytes.
         in_strips: Whether large pictures can be rendered in strips under ``max_memory``.
         one_file: Whether ``bokehnet export`` can write it as one ONNX file.
     """

@@ -27,6 +27,7 @@ __all__ = [
     "check_ideal_except_tilt",
     "check_inputs",
     "make_classical",
+    "with_halo",
 ]
 
 # Strips begin at multiples of this many rows of the picture, the largest block of any renderer in pixels.
@@ -37,6 +38,11 @@ ALIGNED = 128
 MAX_RADIUS_IN_SIDES = 4.0
 
 
+def with_halo(span: slice, halo: int, size: int) -> slice:
+    """Return the rows or columns of a span and ``halo`` pixels on either side, of ``size``; aligned."""
+    return slice(max(0, span.start - halo) // ALIGNED * ALIGNED, min(size, span.stop + halo))
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Strip:
     """Position of arrays in a larger picture, and the part of them that is rendered.
@@ -44,51 +50,56 @@ class Strip:
     Attributes:
         first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
         last: Row of the picture behind the last row of the arrays.
+        left: Column of the picture at which the arrays begin; a multiple of ``ALIGNED``.
+        right: Column of the picture behind the last column of the arrays.
         height: Height of the whole picture, pixels.
+        width: Width of the whole picture, pixels.
         max_coc_radius: Largest blur radius of the whole picture, rounded up to whole pixels.
         max_ray_reach: Maximum distance of rays from their pixel, pixels; at least ``max_coc_radius``.
         output_rows: Rows of the arrays that are rendered; the others are the halo.
-        left: Column of the picture at which the arrays begin; a multiple of ``ALIGNED``.
-        right: Column of the picture behind the last column of the arrays; default: the width.
-        width: Width of the whole picture, pixels; default: that of the arrays.
-        output_columns: Columns of the arrays that are rendered; default: all.
+        output_columns: Columns of the arrays that are rendered.
     """
 
     first: int
     last: int
+    left: int
+    right: int
     height: int
+    width: int
     max_coc_radius: int
     max_ray_reach: int
     output_rows: slice
-    left: int = 0
-    right: int | None = None
-    width: int | None = None
-    output_columns: slice | None = None
+    output_columns: slice
 
-    def size(self, columns: int) -> tuple[int, int]:
-        """Return height and width of the whole picture, pixels, for arrays with ``columns`` columns."""
-        return self.height, self.width or columns
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the whole picture, pixels."""
+        return self.height, self.width
 
-    def columns(self, width: int) -> slice:
-        """Return the columns of a picture of this width that the arrays contain."""
-        return slice(self.left, self.right or width)
+    @property
+    def arrays(self) -> tuple[slice, slice]:
+        """Rows and columns of the picture that the arrays contain."""
+        return slice(self.first, self.last), slice(self.left, self.right)
 
-    def output(self, columns: int) -> tuple[slice, slice]:
-        """Return the rendered rows and columns of arrays with ``columns`` columns."""
-        return self.output_rows, self.output_columns or slice(0, columns)
+    @property
+    def output(self) -> tuple[slice, slice]:
+        """Rows and columns of the arrays that are rendered."""
+        return self.output_rows, self.output_columns
 
-    def cropped(self, rows: slice, columns: slice, of: int) -> "Strip":
-        """Return the position of a part of the arrays, which have ``of`` columns."""
-        output_rows, output_columns = self.output(of)
+    def cropped(self, rows: slice, columns: slice) -> "Strip":
+        """Return the position of some rows and columns of the arrays, which contain the output."""
+
+        def moved(span: slice, start: int) -> slice:
+            return slice(span.start - start, span.stop - start)
+
         return replace(
             self,
             first=self.first + rows.start,
             last=self.first + rows.stop,
-            output_rows=slice(output_rows.start - rows.start, output_rows.stop - rows.start),
             left=self.left + columns.start,
             right=self.left + columns.stop,
-            width=self.width or of,
-            output_columns=slice(output_columns.start - columns.start, output_columns.stop - columns.start),
+            output_rows=moved(self.output_rows, rows.start),
+            output_columns=moved(self.output_columns, columns.start),
         )
 
 
@@ -120,13 +131,12 @@ class ClassicalResult:
         def cropped(array: np.ndarray | None) -> np.ndarray | None:
             return None if array is None else array[rows, columns]
 
-        mixed = self.mixed_pixels and self.mixed_pixels.in_rows(rows.start, rows.stop)
         return ClassicalResult(
             bokeh=self.bokeh[rows, columns],
             error_map=self.error_map[rows, columns],
             occluded_background=cropped(self.occluded_background),
             disocclusion_weight=cropped(self.disocclusion_weight),
-            mixed_pixels=mixed and mixed.in_columns(columns.start, columns.stop, -columns.start),
+            mixed_pixels=self.mixed_pixels and self.mixed_pixels.part(rows, columns),
             scatter=cropped(self.scatter),
         )
 

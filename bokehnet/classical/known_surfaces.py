@@ -122,6 +122,11 @@ class KnownSurfaces:
         part = self.select((self.columns >= first) & (self.columns < last))
         return replace(part, columns=part.columns + np.int32(offset))
 
+    def part(self, rows: slice, columns: slice) -> "KnownSurfaces":
+        """Return the pixels of some rows and columns, slices with both ends, and counted from their first."""
+        part = self.in_rows(rows.start, rows.stop)
+        return part.in_columns(columns.start, columns.stop, -columns.start)
+
     def select(self, mask: npt.NDArray[np.bool_]) -> "KnownSurfaces":
         """Return the pixels for which ``mask``, (N,), is True."""
         return self._subset(mask)

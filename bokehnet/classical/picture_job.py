@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bokehnet.arrays.viewport import Viewport
-from bokehnet.classical.base import ALIGNED, Strip
+from bokehnet.classical.base import Strip, with_halo
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.march.resolution_levels import layers_halo
@@ -16,10 +16,10 @@ from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["CPU", "Device", "PictureJob", "output_halo"]
+__all__ = ["CPU", "MIN_HALO_PX", "Device", "PictureJob", "output_halo"]
 
-# Minimum halo of layers around the output beyond the reach of rays, pixels, for averaging windows.
-_MIN_HALO_PX = 32
+# Minimum halo around the output beyond the reach of light, pixels, for averaging windows.
+MIN_HALO_PX = 32
 
 
 class Device(NamedTuple):
@@ -40,7 +40,7 @@ CPU = Device(scatter_inside, None)
 
 def output_halo(reach: int) -> int:
     """Return the pixels around an output whose layers it depends on, for rays with this reach, pixels."""
-    return reach + max(_MIN_HALO_PX, layers_halo(reach))
+    return reach + max(MIN_HALO_PX, layers_halo(reach))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,7 +65,7 @@ class PictureJob:
     def size(self) -> tuple[int, int]:
         """Height and width of the whole picture, of which the arrays may be a part."""
         height, width = self.defocus.shape
-        return (height, width) if self.strip is None else self.strip.size(width)
+        return (height, width) if self.strip is None else self.strip.size
 
     @property
     def above(self) -> int:
@@ -74,8 +74,9 @@ class PictureJob:
 
     @property
     def picture_viewport(self) -> Viewport:
-        """Position of the whole picture in the shown one, less the columns left of the arrays."""
-        return self.viewport or Viewport.whole(*self.size)
+        """Position in the shown picture of the whole one, without the columns left of the arrays."""
+        whole = self.viewport or Viewport.whole(*self.size)
+        return whole if self.strip is None else replace(whole, left=whole.left + self.strip.left)
 
     def reached(self) -> tuple[slice, slice]:
         """Return the rows and columns of the arrays that rays of the output, and its light, can reach.
@@ -86,23 +87,18 @@ class PictureJob:
         if self.strip is None:
             return slice(0, height), slice(0, width)
         halo = output_halo(self.strip.max_ray_reach)
-        rows, columns = (
-            slice(max(0, span.start - halo) // ALIGNED * ALIGNED, min(size, span.stop + halo))
-            for span, size in zip(self.strip.output(width), (height, width), strict=True)
-        )
-        return rows, columns
+        rows, columns = self.strip.output
+        return with_halo(rows, halo, height), with_halo(columns, halo, width)
 
     def cropped(self, rows: slice, columns: slice) -> "PictureJob":
         """Return the job of some rows and columns, slices with both ends; only with a strip."""
         assert self.strip is not None
         image, defocus = (np.ascontiguousarray(array[rows, columns]) for array in (self.image, self.defocus))
-        known = self.known and self.known.in_rows(rows.start, rows.stop)
         return replace(
             self,
             image=image,
             defocus=defocus,
-            known=known and known.in_columns(columns.start, columns.stop, -columns.start),
+            known=self.known and self.known.part(rows, columns),
             layers=self.layers and self.layers.part(rows, columns),
-            strip=self.strip.cropped(rows, columns, of=self.defocus.shape[1]),
-            viewport=replace(self.picture_viewport, left=self.picture_viewport.left + columns.start),
+            strip=self.strip.cropped(rows, columns),
         )

@@ -217,7 +217,7 @@ def _render(job: PictureJob) -> ClassicalResult:
     rays_mask = pupil_rays.weight > 0
     if job.strip is not None:  # around the output, the pixels over which the rays of large discs are averaged
         halo = -(-levels_halo(pupil_rays.reach) // TILE) * TILE
-        rows, columns = job.strip.output(rays_mask.shape[1])
+        rows, columns = job.strip.output
         for lines, span in ((rays_mask, rows), (rays_mask.T, columns)):
             lines[: max(0, span.start - halo)] = False
             lines[span.stop + halo :] = False
@@ -235,7 +235,7 @@ def _render(job: PictureJob) -> ClassicalResult:
             disocclusion_weight=np.zeros_like(error_map),
             scatter=smooth,
         )
-    return result if job.strip is None else result.part(*job.strip.output(error_map.shape[1]))
+    return result if job.strip is None else result.part(*job.strip.output)
 
 
 def _checked(job: PictureJob) -> PictureJob:

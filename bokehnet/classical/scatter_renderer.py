@@ -147,14 +147,14 @@ def scatter_beyond(
         viewport: Position of the arrays in the shown picture.
         scattered: Function that scatters, as :func:`scatter_inside`.
     """
-    height, width = defocus.shape if strip is None else strip.size(defocus.shape[1])
+    height, width = defocus.shape if strip is None else strip.size
     reach = min(reach, math.ceil(MAX_CONTINUATION * min(height, width)))
     if reach == 0:
         return scattered(image, defocus, aperture, viewport)
     above = below = left = right = reach
     if strip is not None:
         above, below = _continuation(reach, strip.first, strip.last, height)
-        left, right = _continuation(reach, strip.left, strip.left + defocus.shape[1], width)
+        left, right = _continuation(reach, strip.left, strip.right, width)
     larger = scattered(
         beyond_border(image, above, below, left, right),
         np.pad(defocus, ((above, below), (left, right)), "edge"),
@@ -190,8 +190,10 @@ def render_scatter(
     """
     check_ideal_except_tilt(options.get("lens_response"), "scatter")
     strip, viewport, progress = options.get("strip"), options.get("viewport"), options.get("progress")
-    size = defocus.shape if strip is None else strip.size(defocus.shape[1])
-    viewport = (viewport or Viewport.whole(*size)).below(0 if strip is None else strip.first)
+    size = defocus.shape if strip is None else strip.size
+    viewport = viewport or Viewport.whole(*size)
+    if strip is not None:
+        viewport = replace(viewport, left=viewport.left + strip.left).below(strip.first)
     radius = (
         math.ceil(max(float(defocus.max()), -float(defocus.min()))) if strip is None else strip.max_coc_radius
     )
@@ -199,4 +201,4 @@ def render_scatter(
     if progress is not None:
         progress(0.9)
     result = ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))
-    return result if strip is None else result.part(*strip.output(defocus.shape[1]))
+    return result if strip is None else result.part(*strip.output)

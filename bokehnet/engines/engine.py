@@ -15,7 +15,7 @@ from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_same_size
 from bokehnet.classical.base import MAX_RADIUS_IN_SIDES, ClassicalResult, Strip, check_inputs
 from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
-from bokehnet.engine_registry import CLASSICAL, ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
     MAX_NETWORK_PIXELS,
@@ -285,8 +285,6 @@ class Engine:
             memory, memory_in_use = working_memory(defocus.shape, reach, self.classical_name), 0
             if memory is None:
                 return []
-        # No network may need whole rows, and rays must cost more than copies of bands.
-        bands = self._networks is None and CLASSICAL[self.classical_name].traces_rays
         strips = [
             *cut(
                 defocus.shape,
@@ -295,7 +293,7 @@ class Engine:
                 memory,
                 memory_in_use,
                 max_ray_reach,
-                bands=bands and not expected_error and lens.layers is None,
+                bands=self._networks is None and not expected_error and lens.layers is None,
             )
         ]
         if len(strips) == len(strips[0]) == 1:
@@ -397,7 +395,7 @@ class Engine:
                 progress((index + fraction) / len(bands))
 
             result = self._render_classical(job, band, report)
-            left = band.left + band.output(width)[1].start
+            left = band.left + band.output_columns.start
             columns = slice(left, left + result.error_map.shape[1])
             bokeh[:, columns], error_map[:, columns] = result.bokeh, result.error_map
             if result.mixed_pixels is not None:
@@ -413,14 +411,12 @@ class Engine:
     ) -> ClassicalResult:
         """Render a strip, or the whole picture, without networks."""
         image, defocus, lens, curve = job.image, job.defocus, job.lens, job.curve
-        known, layers, viewport = lens.known, lens.layers, lens.viewport
+        known, layers = lens.known, lens.layers
         if strip is not None:
-            rows, columns = slice(strip.first, strip.last), strip.columns(image.shape[1])
+            rows, columns = strip.arrays
             image, defocus = (np.ascontiguousarray(array[rows, columns]) for array in (image, defocus))
-            known = known and known.in_rows(rows.start, rows.stop)
-            known = known and known.in_columns(columns.start, columns.stop, -columns.start)
+            known = known and known.part(rows, columns)
             layers = layers and layers.part(rows, columns)
-            viewport = replace(viewport, left=viewport.left + columns.start)
         renderer = self._classical
         if self._lens_fallback is not None and not lens.lens_response.is_ideal:
             renderer = self._lens_fallback
@@ -428,7 +424,7 @@ class Engine:
             renderer,
             strip=strip,
             lens_response=lens.lens_response,
-            viewport=viewport,
+            viewport=lens.viewport,
             progress=progress,
             pixel_filter=lens.pixel_filter,
             rays_factor=lens.rays_factor,

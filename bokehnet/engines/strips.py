@@ -11,16 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from bokehnet.classical.base import ALIGNED, Strip
-from bokehnet.classical.picture_job import output_halo
+from bokehnet.classical.base import ALIGNED, Strip, with_halo
+from bokehnet.classical.picture_job import MIN_HALO_PX, output_halo
 from bokehnet.engine_registry import CLASSICAL
-from bokehnet.engines.bands import Band, even_bands
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut", "memory_error", "min_strip_bytes", "strip_bytes", "working_memory"]
-
-# Halo of a strip without rays beyond the reach of light, pixels.
-_MIN_HALO_PX = 32
+__all__ = ["StripAccumulator", "cut", "even_bands", "min_strip_bytes", "strip_bytes", "working_memory"]
 
 # Memory of a strip without a user limit, bytes; the first efficient one is used: less is faster because it is
 # reused, but with large discs most of it would be halo.
@@ -44,12 +40,17 @@ class _Halos:
     read: int
 
 
-def _halos(height: int, reach: int, classical: str) -> _Halos:
+def even_bands(width: int, count: int) -> list[slice]:
+    """Return ``count`` bands of columns, or fewer, about equally wide and without halo."""
+    own = max(ALIGNED, -(-width // (count * ALIGNED)) * ALIGNED)
+    return [slice(left, min(width, left + own)) for left in range(0, width, own)]
+
+
+def _halos(reach: int, classical: str) -> _Halos:
     if not CLASSICAL[classical].traces_rays:
-        halo = min(reach, height) + _MIN_HALO_PX
-        return _Halos(reached=halo, read=halo)
+        return _Halos(reached=reach + MIN_HALO_PX, read=reach + MIN_HALO_PX)
     reached = output_halo(reach)
-    return _Halos(reached=reached, read=reached + min(reach, height))
+    return _Halos(reached=reached, read=reached + reach)
 
 
 def _pixels(size: tuple[int, int], own: tuple[int, int], halo: int) -> int:
@@ -75,7 +76,7 @@ def strip_bytes(
             reads there.
     """
     spec, (height, width) = CLASSICAL[classical], size
-    halos = _halos(height, reach, classical)
+    halos = _halos(reach, classical)
     if classical == "scatter":  # its largest arrays continue beyond both borders
         beyond = 2 * min(reach, -(-min(height, width) // 2))
         size, own = (height, width + beyond), (own[0], own[1] + beyond)
@@ -84,10 +85,9 @@ def strip_bytes(
     return spec.bytes_per_pixel * reached + spec.halo_bytes_per_pixel * read + kept
 
 
-def _own_rows(size: tuple[int, int], bands: list[Band], reach: int, classical: str, memory: int) -> int:
+def _own_rows(size: tuple[int, int], bands: list[slice], reach: int, classical: str, memory: int) -> int:
     """Return the maximum rows of a strip without halo, a multiple of ``ALIGNED`` or all; 0 if none fit."""
-    height, own_columns = size[0], max(band.stop - band.start for band in bands)
-    several = len(bands) > 1
+    height, own_columns, several = size[0], bands[0].stop, len(bands) > 1  # the first is the widest
 
     def fits(rows: int) -> bool:
         return strip_bytes(size, (rows, own_columns), reach, classical, bands=several) <= memory
@@ -101,13 +101,14 @@ def _own_rows(size: tuple[int, int], bands: list[Band], reach: int, classical: s
     return low * ALIGNED
 
 
-def _own_fraction(size: tuple[int, int], bands: list[Band], rows: int, halo: int) -> float:
+def _own_fraction(size: tuple[int, int], bands: list[slice], rows: int, halo: int) -> float:
     """Return the fraction of the pixels that strips of ``rows`` rows in bands read which are their own."""
     if not rows:
         return 0.0
     height, width = size
     read_rows = rows if rows >= height else min(height, rows + 2 * halo)
-    read_columns = sum(band.last - band.first for band in bands)
+    read = [with_halo(band, halo, width) for band in bands]
+    read_columns = sum(band.stop - band.start for band in read)
     return rows * width / (read_rows * read_columns)
 
 
@@ -121,9 +122,9 @@ def working_memory(size: tuple[int, int], reach: int, classical: str) -> int | N
         reach: Maximum distance of rays from their pixel, pixels.
         classical: Name of the classical renderer.
     """
-    halo = _halos(size[0], reach, classical).read
+    halo = _halos(reach, classical).read
     for memory in _WORKING_MEMORY_BYTES:
-        rows = _own_rows(size, even_bands(size[1], halo, 1), reach, classical, memory)
+        rows = _own_rows(size, even_bands(size[1], 1), reach, classical, memory)
         if rows >= size[0]:
             return None
         if rows >= _MIN_ROWS_PER_HALO * halo:
@@ -131,16 +132,16 @@ def working_memory(size: tuple[int, int], reach: int, classical: str) -> int | N
     return None
 
 
-def _cut_bands(size: tuple[int, int], reach: int, classical: str, memory: int) -> tuple[list[Band], int]:
+def _cut_bands(size: tuple[int, int], reach: int, classical: str, memory: int) -> tuple[list[slice], int]:
     """Return the bands of a picture, one where strips of whole rows are efficient, and the rows of strips."""
-    halo = _halos(size[0], reach, classical).read
-    best = even_bands(size[1], halo, 1)
+    halo = _halos(reach, classical).read
+    best = even_bands(size[1], 1)
     rows = _own_rows(size, best, reach, classical, memory)
     fraction = _own_fraction(size, best, rows, halo)
     if fraction >= _EFFICIENT_FRACTION:
         return best, rows
     for count in range(2, _max_count(size[1], halo) + 1):
-        bands = even_bands(size[1], halo, count)
+        bands = even_bands(size[1], count)
         other_rows = _own_rows(size, bands, reach, classical, memory)
         other = _own_fraction(size, bands, other_rows, halo)
         if other > fraction:
@@ -163,20 +164,20 @@ def min_strip_bytes(size: tuple[int, int], reach: int, classical: str, bands: bo
         size: Height and width of the picture, pixels.
         reach: Maximum distance of rays from their pixel, pixels.
         classical: Name of the classical renderer.
-        bands: True if the picture may be rendered in bands.
+        bands: True if strips may be divided into bands; only rays gain from them.
     """
-    width, halo = size[1], _halos(size[0], reach, classical).read
+    width, halo = size[1], _halos(reach, classical).read
     minimum = strip_bytes(size, (ALIGNED, width), reach, classical)
-    if not bands:
+    if not (bands and CLASSICAL[classical].traces_rays):
         return minimum
     rows = -(-halo // ALIGNED) * ALIGNED
     for count in range(2, _max_count(width, halo) + 1):
-        own = max(band.stop - band.start for band in even_bands(width, halo, count))
+        own = even_bands(width, count)[0].stop
         minimum = min(minimum, strip_bytes(size, (rows, own), reach, classical, bands=True))
     return minimum
 
 
-def memory_error(
+def _memory_error(
     min_bytes: int, memory: int, memory_in_use: int, width: int, max_coc_radius: int
 ) -> ParameterError:
     """Return the error that names the minimum memory; arguments in bytes and pixels."""
@@ -210,58 +211,58 @@ def cut(
         memory_in_use: Memory that is already in use, bytes.
         max_ray_reach: Maximum distance of rays from their pixel, if a lens sends them beyond
             ``max_coc_radius``, pixels.
-        bands: True to divide strips into bands where strips of whole rows are mostly halo.
+        bands: True to divide strips into bands where strips of whole rows are mostly halo, and rays are sent.
 
     Raises:
         ParameterError: The narrowest strip exceeds the memory.
     """
     (height, width), available = size, memory - memory_in_use
     reach = max(max_coc_radius, max_ray_reach or 0)
-    halo = _halos(height, reach, classical).read
+    halos = _halos(reach, classical)
     min_bytes = min_strip_bytes(size, reach, classical, bands)
-    columns = even_bands(width, halo, 1)
-    rows = _own_rows(size, columns, reach, classical, available)
+    rows, columns = _own_rows(size, even_bands(width, 1), reach, classical, available), even_bands(width, 1)
     if rows < height and available < min_bytes:
-        raise memory_error(min_bytes, memory, memory_in_use, width, max_coc_radius)
-    if bands:
+        raise _memory_error(min_bytes, memory, memory_in_use, width, max_coc_radius)
+    if bands and CLASSICAL[classical].traces_rays:
         columns, rows = _cut_bands(size, reach, classical, available)
-    for top, bottom in pairwise(_strip_bounds(height, halo, rows)):
-        first = max(0, top - halo) // ALIGNED * ALIGNED
+    for top, bottom in pairwise(_strip_bounds(height, halos, rows)):
+        read = with_halo(slice(top, bottom), halos.read, height)
         yield [
             Strip(
-                first=first,
-                last=min(height, bottom + halo),
+                first=read.start,
+                last=read.stop,
+                left=across.start,
+                right=across.stop,
                 height=height,
+                width=width,
                 max_coc_radius=max_coc_radius,
                 max_ray_reach=reach,
-                output_rows=slice(top - first, bottom - first),
-                left=band.first,
-                right=band.last,
-                width=width,
-                output_columns=slice(band.start - band.first, band.stop - band.first),
+                output_rows=slice(top - read.start, bottom - read.start),
+                output_columns=slice(band.start - across.start, band.stop - across.start),
             )
-            for band in columns
+            for band, across in ((band, with_halo(band, halos.read, width)) for band in columns)
         ]
 
 
-def _strip_bounds(height: int, halo: int, max_rows: int) -> list[int]:
+def _strip_bounds(height: int, halos: _Halos, max_rows: int) -> list[int]:
     """Return the first row of each strip and the height, so that all strips read about equally many rows.
 
     The first and the last strip have one halo only. All bounds but the last are multiples of ``ALIGNED``.
 
     Args:
         height: Height of the picture, pixels.
-        halo: Rows that a strip reads beyond its own on either side.
+        halos: Rows around a strip on either side.
         max_rows: Maximum number of rows of a strip without halo, a multiple of ``ALIGNED`` or the height.
     """
     if max_rows >= height:
         return [0, height]
-    outer = max_rows + halo // ALIGNED * ALIGNED  # of the first strip and the last
+    outer = max_rows + halos.reached // ALIGNED * ALIGNED  # rows of the first strip and of the last, at most
     count = 2 + max(0, -(-(height - 2 * outer) // max_rows))
-    rows = (height + 2 * halo * (count - 1)) / count  # with halos
+    rows = (height + 2 * halos.read * (count - 1)) / count  # with halos
     bounds = [0]
     while height - bounds[-1] > outer:
-        own, limit = (rows - halo, outer) if len(bounds) == 1 else (rows - 2 * halo, max_rows)
+        first = len(bounds) == 1
+        own, limit = (rows - halos.read, outer) if first else (rows - 2 * halos.read, max_rows)
         bounds.append(bounds[-1] + min(max(ALIGNED, -(-math.ceil(own) // ALIGNED) * ALIGNED), limit))
     return [*bounds, height]
 

@@ -15,9 +15,11 @@ __all__ = [
     "resident_bytes",
 ]
 
-# Constants of glibc's malloc.h, and the maximum that glibc itself chooses for both, bytes.
+# Constants of glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_USUAL_THRESHOLD = 32 * 2**20
+
+# Largest thresholds that glibc itself chooses, bytes: of arrays with memory of their own, and of trimming.
+_USUAL_MMAP, _USUAL_TRIM = 32 * 2**20, 64 * 2**20
 
 # Maximum size of one freed array, and of all free memory at the end of the heap, to keep, bytes.
 _MAX_KEPT_ARRAY_BYTES, _MAX_KEPT_BYTES = 10**9, 2 * 10**9
@@ -48,7 +50,11 @@ def keep_freed_memory() -> None:
 
 @contextmanager
 def freed_memory_kept() -> Iterator[None]:
-    """Keep freed memory inside the block as :func:`keep_freed_memory`; return it before and after."""
+    """Keep freed memory inside the block as :func:`keep_freed_memory`; return it before and after.
+
+    Afterwards glibc no longer adapts its thresholds: they stay at the largest that it chooses itself. Not for
+    several threads at the same time. No effect if the process keeps freed memory anyway.
+    """
     global _keeps
     if _keeps:
         yield
@@ -59,8 +65,8 @@ def freed_memory_kept() -> Iterator[None]:
         yield
     finally:
         _keeps = False
-        _call_libc("mallopt", _MMAP_THRESHOLD, _USUAL_THRESHOLD)
-        _call_libc("mallopt", _TRIM_THRESHOLD, _USUAL_THRESHOLD)
+        _call_libc("mallopt", _MMAP_THRESHOLD, _USUAL_MMAP)
+        _call_libc("mallopt", _TRIM_THRESHOLD, _USUAL_TRIM)
         release_freed_memory()
 
 

@@ -108,11 +108,13 @@ class FocusedLens:
         Raises:
             LensError: The lens cannot focus there.
         """
-        depends_on_place = self.plane is not None or any(self.tilt_gradient)
-        if depends_on_place or not isinstance(disparity, np.ndarray):
+        is_float_map = (
+            isinstance(disparity, np.ndarray) and disparity.dtype.kind == "f" and disparity.ndim == 2
+        )
+        if not is_float_map or self.plane is not None or any(self.tilt_gradient):
             return self._outside_range(disparity)
         result = np.empty_like(disparity)
-        for rows in cut_row_blocks(disparity.shape):  # no copies of the whole map
+        for rows in cut_row_blocks(disparity.shape):  # alike everywhere: no copies of the whole map
             result[rows] = self._outside_range(disparity[rows])
         return result
 

@@ -29,7 +29,7 @@ _RENDERING = 400 * 2**20
 
 # Bytes per pixel of the whole picture: light and map, and in addition while reading, repairing and focusing.
 _HEIF_BYTES = 24  # of the decoder and its result
-_PICTURE_BYTES, _READ_BYTES, _REPAIR_BYTES, _FOCUS_BYTES = 16, 5, 14, 12
+_PICTURE_BYTES, _READ_BYTES, _REPAIR_BYTES, _FOCUS_BYTES = 16, 5, 21, 12
 
 # Bytes per pixel of the size at which the stages of the repair run, and maximum number of these pixels.
 _STAGES_BYTES, _MAX_STAGES_PIXELS = 64, 2**20
@@ -152,7 +152,7 @@ def _largest_relative_blur(settings: RenderSettings) -> int:
     """Return the largest blur radius of a map from 0 to 1, pixels; 0 if it is unknown."""
     focus, depth, blur = settings.focus, settings.depth, settings.camera.blur
     tilted = focus.plane is not None or focus.tilt_x or focus.tilt_y
-    own_range = depth.as_stored or depth.value_range is not None or settings.input.disparity is None
+    own_range = depth.value_range is not None or settings.input.disparity is None
     if blur is None or focus.value is None or focus.range is not None or tilted or own_range:
         return 0
     return math.ceil(blur * max(abs(focus.value), abs(1 - focus.value)))

@@ -17,7 +17,8 @@ from bokehnet.classical.layered.march import resolution_levels
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs
 from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
 from bokehnet.classical.layered.march.ray_marching import SETS
-from bokehnet.classical.rays_renderer import Device, render_rays
+from bokehnet.classical.picture_job import Device
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.classical.torch.device_scatter import cuda_unavailable_reason, scatter_on
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
 

@@ -77,7 +77,16 @@ def test_white_stays_white_and_rows_by_themselves_are_those_of_the_whole():
     defocus = np.repeat(np.linspace(-6, 6, len(tall), dtype=np.float32)[:, None], WIDTH, 1)
     whole = render_rays(tall, defocus, lens_response=lens).bokeh
     strip = Strip(
-        first=64, last=320, height=len(tall), output_rows=slice(96, 160), max_coc_radius=6, max_ray_reach=12
+        first=64,
+        last=320,
+        left=0,
+        right=WIDTH,
+        height=len(tall),
+        width=WIDTH,
+        max_coc_radius=6,
+        max_ray_reach=12,
+        output_rows=slice(96, 160),
+        output_columns=slice(0, WIDTH),
     )
     part = render_rays(tall[64:320], defocus[64:320], lens_response=lens, strip=strip).bokeh
     np.testing.assert_allclose(part, whole[160:224], atol=2e-6)

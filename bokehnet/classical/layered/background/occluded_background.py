@@ -30,8 +30,8 @@ _DIRECTIONS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 
 # Spacing of the samples that an occluded pixel averages, as a fraction of its distance from the edge.
 _SAMPLE_SPACING = 0.25
 
-# Half-width in samples of the window over which the occluded background is averaged, spacing of the samples
-# over the distance from the edge, and number of passes.
+# Half-width of the window over which the occluded background is averaged, samples; their spacing over the
+# distance from the edge, at least a pixel; and the number of passes.
 _SMOOTHING_REACH, _SMOOTHING_SPACING, _SMOOTHING_PASSES = 2, 1 / 12, 2
 
 # Distance from the edge, in pixels, at which lines and texture have the weight 1 / e: the farther, the less
@@ -225,9 +225,20 @@ def _remove_unseen(depths, tile_distances, distances):
 
 @njit(cache=True, parallel=True)
 def _smooth(ys, xs, defocus, lights, distances, colors, depths, smooth_colors, smooth_depths):
-    """Average the occluded background, (N), over its surroundings, to remove streaks of directions.
+    """Average the occluded background over its surroundings, to remove streaks of directions.
 
     Near the edge these are its surface; farther in, where the choice of a surface is uncertain, all of it.
+
+    Args:
+        ys: Rows of the occluded pixels, (N,).
+        xs: Their columns, (N,).
+        defocus: Defocus of the occluders, (H, W), pixels.
+        lights: Lights of the picture, which do not count, (H, W).
+        distances: Distance of occluded pixels from the edge of the occluder, (H, W), pixels; 0 elsewhere.
+        colors: Occluded background, (H, W, 3).
+        depths: Its defocus, (H, W).
+        smooth_colors: Output, (N, 3).
+        smooth_depths: Output, (N,).
     """
     height, width = depths.shape
     for i in prange(len(ys)):
@@ -303,9 +314,10 @@ def occluded_background(
     one with the most and nearest directions is continued, so that a pole behind a blade of grass stays a
     pole; its color and defocus are means over all directions to it, weighted by the inverse squares of the
     distances, so that the background blends from one side to the other. Each direction contributes an average
-    over samples whose spacing grows with the distance, since the interior is less certain. Lights are not
-    continued: one next to the edge does not predict another. Near the edge the background is the mean of two
-    estimates: continued lines of the surface
+    over samples whose spacing grows with the distance, since the interior is less certain; and the whole is
+    smoothed over windows that grow likewise, near the edge within a surface, farther in over all of them.
+    Lights are not continued: one next to the edge does not predict another. Near the edge the background is
+    the mean of two estimates: continued lines of the surface
     (:mod:`bokehnet.classical.layered.background.structure_transport`), unless they are far brighter than the
     mean, as the rims of lamps are, and its texture
     (:mod:`bokehnet.classical.layered.background.exemplar_inpainting`).

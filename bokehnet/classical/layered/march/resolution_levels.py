@@ -81,12 +81,15 @@ def levels_halo(radius: float) -> int:
 
 
 def layers_halo(radius: float) -> int:
-    """Return the rows of layers around others, beyond twice the radius, that they depend on."""
+    """Return the pixels of layers around others, beyond the reach of rays, that they depend on.
+
+    Behind an aberrated lens the choice of a level looks as far as rays and two blocks: of pixels around the
+    others, over which these are averaged, it may be another one, with results that differ by less than 1/255.
+    """
     levels = _levels(radius)
     if not levels:
         return levels_halo(radius)
     choice = _reach_blocks(MIN_RADIUS_PX * 2**levels) * BLOCK_PX
-    # The rays of an aberrated lens may reach the radius plus the rounding to blocks.
     return max(levels_halo(radius) + max(0, math.ceil(choice - radius)), 2 * BLOCK_PX)
 
 

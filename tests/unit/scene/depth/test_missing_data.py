@@ -156,3 +156,14 @@ def test_filling_is_reported_with_count_kind_and_position_or_refused():
         filled_map(values, missing, IMAGE, "error", "z.png")
     with pytest.raises(ImageFileError, match="the map is empty"):
         filled_map(np.full_like(values, np.nan), missing, IMAGE, "fill", "z.png")
+
+
+def test_a_large_map_has_the_least_and_the_following_number_of_all_its_blocks_of_rows():
+    """Rows are read in blocks: only the last block has the sentinel, only the first the smallest data."""
+    numbers = np.full((1200, 900), 40, np.float32)
+    numbers[0, 0], numbers[0, 1], numbers[-1, 5], numbers[600, 7] = 0.5, 900, -1, np.inf
+    missing = find_missing_disparity(numbers, None, invert=False, no_data=None)
+    assert np.argwhere(missing.mask).tolist() == [[600, 7], [1199, 5]]
+    assert missing.counts == {"NaN": 0, "infinite": 1, "-1": 1}
+    numbers[1, 1] = -3  # a second negative number: no sentinel
+    assert not find_missing_disparity(numbers, None, invert=False, no_data=None).mask[-1, 5]
