@@ -1,7 +1,7 @@
 """Pixels without data in stored maps: sentinel values of depth cameras, stereo and data sets."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -151,7 +151,8 @@ def find_missing_disparity(
         if invert and no_data is None and high == largest_integer != _LARGEST_OF_8_BITS:
             top, doubts = _largest_as_missing(numbers, high)
             masks[f"{high:.0f}"], notes = top, notes + doubts
-    return _collected(masks, numbers, no_data, notes)
+    missing = _collected(masks, numbers, no_data, notes)
+    return replace(missing, counts={"NaN": 0, "infinite": 0} | missing.counts)
 
 
 def is_sparse(missing: Mask) -> bool:
