@@ -220,7 +220,8 @@ def cut(
     reach = max(max_coc_radius, max_ray_reach or 0)
     halos = _halos(reach, classical)
     min_bytes = min_strip_bytes(size, reach, classical, bands)
-    rows, columns = _own_rows(size, even_bands(width, 1), reach, classical, available), even_bands(width, 1)
+    columns = even_bands(width, 1)
+    rows = _own_rows(size, columns, reach, classical, available)
     if rows < height and available < min_bytes:
         raise _memory_error(min_bytes, memory, memory_in_use, width, max_coc_radius)
     if bands and CLASSICAL[classical].traces_rays:
